@@ -1,11 +1,11 @@
-//! Glasshouse farms physically based training data for single-image reflection removal.
+//! Glasshouse generates physically based training data for single-image reflection removal.
 //!
-//! Two RGBD photographs become 3D sheets, a pane of glass stands between them, a thin lens in front,
-//! and four exact images come out: `input` (I), `transmission` (T), `glass_reflection` (R~) and
-//! `clean_reflection` (R). After Kim, Huo and Yoon, "Single Image Reflection Removal with
-//! Physically-Based Training Images", CVPR 2020.
+//! Glasshouse turns two RGBD photographs into 3D sheets, puts a pane of glass between them and a thin lens in front,
+//! and renders four exact images: `input` (I), `transmission` (T), `glass_reflection` (R~) and `clean_reflection` (R).
+//! The method follows Kim, Huo and Yoon, "Single Image Reflection Removal with Physically-Based Training Images", CVPR
+//! 2020.
 //!
-//! The stages are crates of their own, which know nothing of runs, queues and the command line:
+//! Each stage is a separate crate, independent of runs, queues and the command line:
 //!
 //! ```text
 //! procedural -> plan ------> render --------------> compose ----> train
@@ -13,14 +13,14 @@
 //!                scene lines) four images, a tuple)   scores)       networks)
 //! ```
 //!
-//! This package runs them on one machine or on many. Its modules stand in pipeline order; a module imports only modules
-//! above it. Only [`cli`] prints, exits and reads the environment.
+//! This package runs the stages on one machine or on many. Its modules are in pipeline order, and each imports only
+//! modules above it. Only [`cli`] prints, exits and reads the environment.
 
 #[cfg(feature = "train")]
 pub use train;
 pub use {compose, plan, procedural, render};
 
-// Plan and run.
+// Planning and running.
 pub mod store;
 
 pub mod run;
@@ -30,7 +30,7 @@ pub mod farm;
 // Data sets for other programs.
 pub mod export;
 
-// Look.
+// Reports, checks and benchmarks.
 mod text;
 
 mod plot;

@@ -1,9 +1,9 @@
-//! The output of a child process, line by line.
+//! Reads the output of a child process line by line.
 
 use crossbeam::channel::{Receiver, unbounded};
 use std::io::{BufRead, BufReader, Read};
 
-/// A pipe's lines, read by a thread that ends with the pipe.
+/// Returns a pipe's lines, read by a thread that ends with the pipe.
 pub(crate) fn lines(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
     let (sender, lines) = unbounded();
     if let Some(pipe) = pipe {

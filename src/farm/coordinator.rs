@@ -1,7 +1,7 @@
-//! The coordinator: it keeps all missing scenes in the queue, and ends the run.
+//! The coordinator publishes missing scenes to the queue and finishes the run.
 //!
-//! It has no state of its own. Starting, resuming and taking over from another coordinator are the same loop: poll the queue,
-//! then the store, and publish the scenes that are in neither. Several may run at once, for publishing twice changes nothing.
+//! It keeps no state: to start, to resume or to take over from another coordinator, it runs one loop, which polls the
+//! queue, then the store, and publishes the scenes that are in neither. Several coordinators may run at once.
 
 use super::error::FarmError;
 use super::queue::{Message, QueueError, QueueKeeper, QueueState};
@@ -18,11 +18,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 pub struct CoordinateOptions<'a> {
-    /// Set from outside to end.
+    /// True once the caller wants the coordinator to stop.
     pub stop: &'a AtomicBool,
     /// Shortest time between two rounds.
     pub every: Duration,
-    /// A status page shows the run and its workers.
+    /// True if a status page shows the run and its workers.
     pub watched: bool,
 }
 
@@ -31,7 +31,7 @@ pub struct CoordinateOptions<'a> {
 pub struct Watch {
     pub snapshot: Snapshot,
     pub queue: QueueState,
-    /// The reason for which the queue does not answer.
+    /// Error of the last poll, if the queue could not be reached.
     pub queue_lost: Option<String>,
 }
 
@@ -49,20 +49,20 @@ impl Watch {
 pub struct Coordinated {
     pub snapshot: Snapshot,
     pub published: u64,
-    /// Ended by `stop`.
+    /// True if [`CoordinateOptions::stop`] ended the coordinator.
     pub stopped: bool,
-    /// Ended because the run is cancelled.
+    /// True if the run was cancelled before every scene was done.
     pub cancelled: bool,
 }
 
-/// A pause is at least this many times as long as a round.
+/// Shortest pause after a round, as a multiple of the round's duration.
 const PAUSE_ROUNDS: u32 = 20;
-/// Between two full rounds, if nothing makes one due before.
+/// Time between two full rounds, if no event requires an earlier one.
 const FULL_EVERY: Duration = Duration::from_mins(10);
-/// Between two reports that queue or store are away.
+/// Time between two reports that the queue or the store cannot be reached.
 const COMPLAIN: Duration = Duration::from_secs(30);
 
-/// Polls and publishes until every scene is done or in quarantine. `watch` is kept up to date.
+/// Polls and publishes until every scene is done or in quarantine, and keeps `watch` up to date.
 pub fn coordinate(
     run: &Run,
     store: &Store,
@@ -101,9 +101,9 @@ struct Coordinator<'a> {
     watch: &'a Mutex<Watch>,
     on_event: &'a (dyn Fn(Event) + Sync),
     snapshot: Snapshot,
-    /// Scenes that it has reported as done.
+    /// True for each scene that was reported as done.
     told: Vec<bool>,
-    /// It is in its first round, so done scenes were done before.
+    /// True during the first round, which finds scenes that earlier processes completed.
     first: bool,
     control: Control,
     published: u64,
@@ -151,7 +151,7 @@ impl Coordinator<'_> {
             match decision {
                 Decision::Finish => break,
                 Decision::Cancel => {
-                    // A queue that stays does no harm: no worker leases from it.
+                    // Workers lease nothing from the queue of a cancelled run, so a failed removal does no harm.
                     let _ = self.queue.remove();
                     return Ok(self.ended(false));
                 }
@@ -160,7 +160,7 @@ impl Coordinator<'_> {
                 }
                 Decision::Wait | Decision::Verify => {}
             }
-            // The shorter of the last two rounds counts, so that one slow answer of a server causes no long pause.
+            // The shorter of the last two rounds counts, so that one slow response of a server causes no long pause.
             let took = start.elapsed();
             self.pause(self.options.every.max(took.min(took_before) * PAUSE_ROUNDS));
             took_before = took;
@@ -174,8 +174,8 @@ impl Coordinator<'_> {
         Ok(self.ended(false))
     }
 
-    /// Polls the queue before the store: a scene that leaves the queue in between has its tuple by then. The second result is
-    /// whether a tuple or a quarantine record was removed.
+    /// Polls the queue before the store, so that a scene that leaves the queue in between already has its tuple. The
+    /// second value is true if a tuple or a quarantine record was removed.
     fn poll(&mut self, full: bool) -> Result<(Result<QueuePoll, QueueError>, bool), FarmError> {
         let queue = self.poll_queue(full);
         let taken_back = if full {
@@ -207,7 +207,7 @@ impl Coordinator<'_> {
         self.first = false;
     }
 
-    /// Updates `watch`, and reports a change of control and a queue that is away.
+    /// Updates `watch`, and reports a change of control or an unreachable queue.
     fn tell(&mut self, queue: &Result<QueuePoll, QueueError>, finished: bool) {
         if self.options.watched {
             let mut watch = self.watch.lock().expect("no holder of this lock panics");
@@ -229,7 +229,7 @@ impl Coordinator<'_> {
         }
     }
 
-    /// False if the queue is away.
+    /// Publishes scenes. Returns false if the queue cannot be reached.
     fn publish(&mut self, purge: bool, scenes: &[usize]) -> bool {
         let messages: Vec<Message> = scenes.iter().map(|&s| whole(self.run, s)).collect();
         let purged = if purge { self.queue.purge() } else { Ok(()) };
@@ -264,7 +264,7 @@ impl Coordinator<'_> {
         }
     }
 
-    /// Reports that the store is away, and waits a little; returns any other error.
+    /// Reports a temporary error of the store and waits. Returns any other error.
     fn wait_for_store(&mut self, error: FarmError) -> Result<(), FarmError> {
         let FarmError::Access(AccessError::Store(error)) = error else {
             return Err(error);
@@ -290,7 +290,7 @@ impl Coordinator<'_> {
         }
     }
 
-    /// Removes the partials and attempts of done scenes. Failures do no harm.
+    /// Removes the partials and attempts of done scenes. Ignores errors, because remaining objects do no harm.
     fn clear_away(&self) {
         let (run, store, snapshot) = (self.run, self.store, &self.snapshot);
         let done = || (0..run.lines.len()).filter(|&scene| snapshot.is_done(scene));
@@ -306,7 +306,7 @@ impl Coordinator<'_> {
         }
     }
 
-    /// Marks the run as finished, and removes objects that are not needed any more.
+    /// Removes objects that are no longer needed, and marks the run as finished.
     fn finish(&self) -> Result<(), FarmError> {
         let (run, store) = (self.run, self.store);
         self.clear_away();
@@ -318,13 +318,13 @@ impl Coordinator<'_> {
             "quarantined": quarantined,
         });
         store.replace(keys::FINISHED, format!("{note}\n").as_bytes())?;
-        // A queue that stays does no harm: the run is over.
+        // A finished run needs no queue, so a failed removal does no harm.
         let _ = self.queue.remove();
         Ok(())
     }
 }
 
-/// At the first complaint, and some time after the last one.
+/// True for the first report, and again when [`COMPLAIN`] has passed since the last one.
 fn is_due(complained: &mut Option<Instant>) -> bool {
     let due = complained.is_none_or(|at| at.elapsed() > COMPLAIN);
     if due {

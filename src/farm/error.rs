@@ -1,4 +1,4 @@
-//! Errors of the farm itself, which are no fault of a scene.
+//! Errors of the farm itself, independent of any scene.
 
 use super::queue::QueueError;
 use crate::run::{AccessError, RunError};
@@ -11,7 +11,7 @@ pub enum FarmError {
     Access(#[from] AccessError),
     #[error(transparent)]
     Queue(#[from] QueueError),
-    /// The child process of a task that may be dangerous could not work.
+    /// The child process of a suspect task failed for a reason other than its scene.
     #[error("a child process could not work, which is no fault of its scene: {0}")]
     Sandbox(String),
 }

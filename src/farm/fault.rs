@@ -1,4 +1,4 @@
-//! Deliberate faults of a worker, to test how a farm copes with them.
+//! Deliberate faults of a worker, to test a farm's recovery.
 
 use super::simulate as sim;
 use crate::run::Event;
@@ -13,11 +13,11 @@ pub enum Fault {
     Abort(SceneId),
     /// Tracing this scene never ends.
     Hang(SceneId),
-    /// Loading and tracing take so many times as long.
+    /// Loading and tracing take this many times as long.
     Slow(f64),
     /// One value of a pixel in each band of this scene is wrong.
     Wrong(SceneId),
-    /// Loads and shards sleep for as long as they take in a simulated farm.
+    /// Loading and tracing also sleep for the time that they take in a simulated farm.
     Cost(sim::Work),
 }
 
@@ -27,7 +27,7 @@ impl FromStr for Fault {
     fn from_str(text: &str) -> Result<Self, String> {
         let invalid = || {
             format!(
-                "{text:?} is no fault: use abort:SCENE, hang:SCENE, wrong:SCENE, slow:FACTOR or \
+                "{text:?} is not a fault: use abort:SCENE, hang:SCENE, wrong:SCENE, slow:FACTOR or \
                  cost:SCENES,SHARDS,SHARD_S,DOUBLINGS,DEAREST_LAST,LOAD_S,SEED"
             )
         };
@@ -83,7 +83,7 @@ impl std::fmt::Display for Fault {
 }
 
 impl Fault {
-    /// Called before a band of `scene` is traced.
+    /// Injects an abort or a hang before a band of `scene` is traced.
     pub(super) fn before(&self, scene: &SceneId, on_event: &dyn Fn(Event)) {
         match self {
             Self::Abort(poison) if poison == scene => {
@@ -97,7 +97,7 @@ impl Fault {
         }
     }
 
-    /// Called after a band of `scene` was traced.
+    /// Injects a wrong value after a band of `scene` was traced.
     pub(super) fn after(&self, scene: &SceneId, result: Option<&mut TileResult>) {
         if let Self::Wrong(wrong) = self
             && wrong == scene
@@ -107,7 +107,7 @@ impl Fault {
         }
     }
 
-    /// Called after one of the `bands` of a shard was traced; `scene` is an index in the manifest.
+    /// Injects the cost of a shard after one of its `bands` was traced; `scene` is an index in the manifest.
     pub(super) fn after_band(&self, scene: u32, shard: u32, bands: u32) {
         if let Self::Cost(work) = self {
             let whole = Duration::from_micros(work.shard_us(scene, shard));
@@ -115,14 +115,14 @@ impl Fault {
         }
     }
 
-    /// Called after a scene was loaded.
+    /// Injects the cost of a load after a scene was loaded.
     pub(super) fn after_load(&self) {
         if let Self::Cost(work) = self {
             std::thread::sleep(Duration::from_secs_f64(work.load_s));
         }
     }
 
-    /// Called after a load or a band `took` so long, other faults included.
+    /// Slows down a load or a band that `took` this time, other faults included.
     pub(super) fn slow_down(&self, took: Duration) {
         if let Self::Slow(factor) = self {
             std::thread::sleep(took.mul_f64(factor - 1.0));
@@ -135,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faults_as_text() {
+    fn faults_are_parsed_and_printed() {
         let cost = "cost:50,16,0.02,4,3,0.2,0";
         assert_eq!(cost.parse(), Ok(Fault::Cost(sim::Work::default())));
         for text in ["abort:train-00000", "hang:a", "wrong:a", "slow:4", cost] {

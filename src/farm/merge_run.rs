@@ -1,4 +1,4 @@
-//! `merge RUN`: makes tuples from complete partials. It does not read the scenes' input files.
+//! `merge RUN` makes tuples from complete partials without reading the scenes' input files.
 
 use super::error::FarmError;
 use crate::farm::sweep::sweep;
@@ -96,7 +96,7 @@ pub fn merge_run(
     Ok(outcome)
 }
 
-/// Keys and bytes of a tuple's files, in the order in which they are written.
+/// Encodes a tuple's files. Returns their keys and bytes in the order of writing.
 fn encoded(tuple: &Tuple, line: &SceneLine) -> Result<Vec<(String, Bytes)>, FarmError> {
     let encoder = SrgbEncoder::new();
     let encode = |name: String| {

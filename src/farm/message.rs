@@ -5,7 +5,7 @@ use crate::run::Task;
 use bincode::config::{Configuration, Fixint, LittleEndian};
 use bincode::{Decode, Encode};
 
-/// A message of another version is left for a worker that knows it.
+/// Version of the encoding. A worker leaves messages of other versions to other workers.
 const VERSION: u8 = 1;
 
 const CONFIG: Configuration<LittleEndian, Fixint> =
@@ -13,17 +13,17 @@ const CONFIG: Configuration<LittleEndian, Fixint> =
 
 #[derive(Clone, Debug, PartialEq, Eq, Encode, Decode)]
 struct TaskMessage {
-    /// First eight bytes of the BLAKE3 of the run's spec: a message of another run is refused.
+    /// First eight bytes of the BLAKE3 digest of the run's spec, to refuse messages of another run.
     run: [u8; 8],
     /// Index of the scene in the manifest.
     scene: u32,
     start: u32,
-    /// One past the last.
+    /// One past the last shard.
     end: u32,
     hops: u32,
 }
 
-/// Encodes a request of an idle worker: the microseconds in which it loads a scene, 0 if it has loaded none.
+/// Encodes a request of an idle worker: its time to load a scene, in microseconds, or 0 if it has loaded none.
 pub(super) fn write_request(load_s: Option<f64>) -> Vec<u8> {
     encode(&micros(load_s))
 }
@@ -52,7 +52,7 @@ fn seconds(micros: u32) -> Option<f64> {
 
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "a message of {length} bytes is not understood ({reason}); are there workers of another version in this run?"
+    "cannot decode a message of {length} bytes ({reason}); are there workers of another version in this run?"
 )]
 pub struct MessageError {
     length: usize,
@@ -69,8 +69,8 @@ pub fn write_message(run: [u8; 8], message: &Message) -> Vec<u8> {
     })
 }
 
-/// Decodes a message from an untrusted sender. None if it is not of this `run`, which has so many `scenes`, or has no shards.
-/// The scene may have fewer shards than the message names.
+/// Decodes a message from an untrusted sender. Returns `None` if the message belongs to another run, names a scene that
+/// is not below `scenes`, or has no shards. The scene may have fewer shards than the message names.
 pub fn read_message(
     bytes: &[u8],
     run: [u8; 8],
@@ -110,9 +110,9 @@ mod tests {
     const MESSAGE: TaskMessage =
         TaskMessage { run: *b"8 bytes!", scene: 7, start: 16, end: 32, hops: 1 };
 
-    /// The bytes are a format: other versions of the program read them.
+    /// Other versions of the program read these bytes.
     #[test]
-    fn bytes_on_the_wire() {
+    fn the_encoding_of_messages_is_fixed() {
         let bytes = encode(&MESSAGE);
         let mut expected = vec![1];
         expected.extend(b"8 bytes!");
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_task_of_another_run_or_without_a_scene_or_shards_is_none() {
+    fn messages_of_other_runs_or_without_scene_or_shards_are_ignored() {
         let read = |message: &TaskMessage, run, scenes| {
             read_message(&encode(message), run, scenes).unwrap().map(|message| message.task)
         };

@@ -1,7 +1,7 @@
 //! The farm: workers, the queue, the coordinator, and recovery from failures.
 //!
-//! The run's store is the only state, so starting, resuming and recovering are the same: find the missing results and make
-//! them. A scene goes through `files -> shards -> partials -> tuple`; each arrow writes whole files or nothing, so a
+//! The run's store is the only state, so starting, resuming and recovering are the same: find the missing results and
+//! make them. A scene goes through `files -> shards -> partials -> tuple`. Each step writes whole files or none, so a
 //! process may be killed at any instruction.
 
 mod coordinator;

@@ -1,4 +1,4 @@
-//! A coordinator's decision after it has polled the queue and the store, as a function of the findings.
+//! The coordinator's decision after a poll, as a pure function of the findings in queue and store.
 
 use super::queue::QueueState;
 use crate::run::ControlState;
@@ -6,20 +6,20 @@ use std::collections::BTreeSet;
 
 pub(super) struct QueuePoll {
     pub(super) state: QueueState,
-    /// The queue was made anew since the last poll.
+    /// True if a process has created the queue again since the last poll.
     pub(super) other: bool,
-    /// Scenes in the queue, if the round lists everything.
+    /// Scenes in the queue; empty unless the round is full.
     pub(super) scenes: BTreeSet<u32>,
 }
 
 pub(super) struct Round<'a> {
-    /// The round lists all of queue and store, not only changes.
+    /// True if the round lists the whole queue and store instead of only changes.
     pub(super) full: bool,
-    /// None if the queue is away.
+    /// `None` if the queue cannot be reached.
     pub(super) queue: Option<&'a QueuePoll>,
     /// Scenes that are neither done nor in quarantine.
     pub(super) missing: &'a [usize],
-    /// A tuple or a quarantine record was removed.
+    /// True if a tuple or a quarantine record was removed.
     pub(super) taken_back: bool,
     pub(super) control: ControlState,
 }
@@ -27,15 +27,15 @@ pub(super) struct Round<'a> {
 /// Findings that the next round needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Carried {
-    /// The next round must be a full one.
+    /// True if the next round must be full.
     pub(super) due: bool,
-    /// The queue was quiet. One quiet poll proves nothing: for a moment a message may be in neither of its counts.
+    /// True if the queue was quiet. One quiet poll proves nothing, because a message may briefly be in neither count.
     pub(super) was_quiet: bool,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Decision {
-    /// Begin a full round at once: everything seems to be done.
+    /// Start a full round at once, because every scene seems to be done.
     Verify,
     Finish,
     Cancel,
@@ -47,8 +47,8 @@ pub(super) enum Decision {
     },
 }
 
-/// A round is full, and publishes missing scenes, at the start, when the queue is quiet or was made anew, when a tuple or a
-/// quarantine record was removed, before the end, and now and then.
+/// Decides what to do after a poll, and whether the next round must be full: it must if the run is paused, if the queue
+/// was lost, quiet or created again, if a tuple or a quarantine record was removed, and before the end.
 pub(super) fn decide(round: &Round, before: Carried) -> (Decision, Carried) {
     let due = before.due || round.taken_back;
     let carried = |due| Carried { due, ..before };
@@ -73,7 +73,7 @@ pub(super) fn decide(round: &Round, before: Carried) -> (Decision, Carried) {
         let after = Carried { due: due || queue.other || quiet, was_quiet: quiet };
         return (Decision::Wait, after);
     }
-    // A quiet queue delivers no message any more: those in it are leftovers of a killed server.
+    // A quiet queue delivers nothing, so any messages in it are leftovers of a killed server.
     let purge = quiet && before.was_quiet && !queue.scenes.is_empty();
     let is_absent = |scene: &&usize| purge || !queue.scenes.contains(&(**scene as u32));
     let scenes = round.missing.iter().filter(is_absent).copied().collect();
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_queue_that_is_quiet_twice_holds_leftovers() {
+    fn a_queue_that_is_quiet_twice_is_purged() {
         let quiet = queue(0, 0, &[1]);
         let (decision, once) = decide(&round(&quiet, &[0, 1], true), BEFORE);
         assert_eq!(decision, publish(false, &[0]));
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_round_becomes_due() {
+    fn removed_results_and_lost_new_or_quiet_queues_require_a_full_round() {
         let busy = queue(1, 1, &[0]);
         let due = |round: &Round| decide(round, BEFORE).1.due;
         assert!(!due(&round(&busy, &[0], false)));

@@ -1,4 +1,4 @@
-//! Files that a coordinator puts into the store, for workers that have nothing but the store.
+//! Puts files of the run into the store, for workers without access to the run's folder.
 
 use super::error::FarmError;
 use crate::run::{Run, RunError, keys};
@@ -7,7 +7,7 @@ use render::line::{Roots, is_url};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Objects put in one call.
+/// Number of objects put in one call.
 const AT_ONCE: usize = 32;
 
 /// Puts the run's manifest, spec and own photographs into the store, and removes the mark of a finished run.
@@ -23,14 +23,14 @@ pub(super) fn share_run(run: &Run, store: &Store) -> Result<(), FarmError> {
     Ok(())
 }
 
-/// The run's own roots: those below its folder, with photographs that planning made.
+/// Returns the run's own roots: folders below the run's folder, with photographs that planning made.
 fn own_roots(run: &Run) -> impl Iterator<Item = (&String, &PathBuf)> {
     let roots = run.spec.roots.iter();
     roots.filter(|(_, folder)| folder.is_relative() && !is_url(folder))
 }
 
-/// Puts those files of the run's own roots that its scenes need. Files that are not here were put by another coordinator, or
-/// are on the workers' machines.
+/// Puts the files of the run's own roots that its scenes need. Skips files that are absent here: another coordinator
+/// has put them, or the workers' machines have them.
 fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
     let is_own = |root: &Path| root.canonicalize().ok() == run.root().canonicalize().ok();
     if store.local_root().is_some_and(is_own) {
@@ -60,8 +60,8 @@ fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
 }
 
 impl Run {
-    /// On a machine without the run's folder, reads the run's own photographs from `store`, except for roots that are here or
-    /// `given`.
+    /// On a machine without the run's folder, replaces the run's own roots by folders in `store`, except for roots that
+    /// exist here or are in `given`.
     pub fn take_inputs_from(&mut self, store: &Store, given: &Roots) {
         let own: Vec<(String, PathBuf)> = own_roots(self)
             .filter(|(name, folder)| {

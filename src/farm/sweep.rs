@@ -22,8 +22,8 @@ pub(super) fn sweep(run: &Run) {
     }
 }
 
-/// Removes unfinished puts of killed workers from a store on a local disk. Callers use it at the end of a run: it may
-/// make a late put fail, but only of an object that the store already has.
+/// Removes unfinished puts of killed workers from a store on a local disk. Callers use it at the end of a run: the
+/// removal may make a late put fail, but only of an object that the store already has.
 pub(super) fn sweep_staged(run: &Run, store: &Store) {
     if store.is_local() {
         sweep_folders(run, &SCENE_FOLDERS);

@@ -1,4 +1,4 @@
-//! Writing a tuple to the store, and removing the scene's partials after that.
+//! Writes tuples to the store, and removes their scenes' partials afterwards.
 
 use crate::farm::FarmError;
 use crate::run::{AccessError, keys};
@@ -8,25 +8,25 @@ use render::line::SceneLine;
 use render::merge::Tuple;
 use std::time::Duration;
 
-/// Writes a tuple durably: the last file, `tuple.json`, only after all others.
+/// Writes a tuple durably. The last file, `tuple.json`, follows all others.
 pub(crate) fn write_tuple(store: &Store, files: &[(String, Bytes)]) -> Result<(), StoreError> {
     let (record, others) = files.split_last().expect("a tuple has a tuple.json");
     store.create_all(others.to_vec())?;
     store.create(&record.0, &record.1).map(|_| ())
 }
 
-/// Puts a scene's noise map, before its tuple. A failure is ignored: only the report needs the map, and says if it is missing;
-/// if the store is at fault, the put of the tuple fails next.
+/// Puts a scene's noise map, before its tuple. Ignores errors: only the report needs the map, and mentions a missing
+/// one; if the store is at fault, the tuple's put fails next.
 pub(crate) fn write_noise(store: &Store, line: &SceneLine, bytes: &[u8]) {
     let store = store.with_patience(Duration::ZERO);
     let _ = store.replace(&keys::noise(&line.id), bytes);
 }
 
-/// Removes the partials and the records of attempts of a scene whose tuple is durable. Failures do no harm.
+/// Removes the partials and attempts of a scene with a durable tuple. Ignores errors, because leftovers do no harm.
 pub(crate) fn remove_partials(store: &Store, line: &SceneLine) {
     let _ = store.remove_folder(&keys::partials(&line.id));
     if store.is_local() {
-        // The folder stays when its last attempt is removed.
+        // The folder remains after the removal of its last attempt.
         let _ = store.remove_folder(&keys::attempts(&line.id));
     }
 }

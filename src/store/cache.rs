@@ -1,8 +1,8 @@
-//! Cache of objects on this machine's disk, so that each crosses the network once.
+//! A cache of objects on this machine's disk, so that each object crosses the network once.
 //!
-//! An entry is a file named by a digest of the object's URL: a line of JSON with the ETag and a digest of the content,
-//! then the content. It is used only if the digest fits and the object in the store still has the ETag. Files are
-//! renamed into place, so that any number of workers can share a folder.
+//! A digest of the object's URL is the name of an entry's file. The file contains a line of JSON with the ETag and a
+//! digest of the content, then the content. An entry is used only if the digest fits and the object in the store still
+//! has the ETag. Files are renamed into place, so any number of workers can share a folder.
 
 use render::atomic_file;
 use serde::{Deserialize, Serialize};
@@ -11,12 +11,12 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
 
-/// A folder of objects.
+/// A folder of cached objects.
 #[derive(Debug)]
 pub struct Cache {
     folder: PathBuf,
     limit_bytes: u64,
-    /// Written since the folder was last listed.
+    /// Number of bytes written since the folder was last listed.
     written_bytes: AtomicU64,
 }
 
@@ -33,17 +33,17 @@ pub(super) struct Entry {
     pub(super) bytes: Vec<u8>,
 }
 
-/// An older temporary file was left by a killed process.
+/// Age above which a temporary file counts as left by a killed process.
 const UNFINISHED: Duration = Duration::from_hours(1);
 
 impl Cache {
-    /// Keeps about `limit_bytes` in `folder`, which is created when it is needed, and evicts the least recently used
-    /// entries. Each process that shares the folder may exceed the limit by a twentieth.
+    /// Returns a cache of about `limit_bytes` in `folder`, which is created when it is needed. The cache evicts the
+    /// least recently used entries. Each process that shares the folder may exceed the limit by a twentieth.
     pub fn new(folder: PathBuf, limit_bytes: u64) -> Self {
         Self {
             folder,
             limit_bytes,
-            // So that the first put lists the folder.
+            // This value makes the first put list the folder.
             written_bytes: AtomicU64::new(limit_bytes),
         }
     }
@@ -52,7 +52,7 @@ impl Cache {
         self.folder.join(&blake3::hash(url.as_bytes()).to_hex()[..32])
     }
 
-    /// The object, if it is cached and intact.
+    /// Returns the object if it is cached and intact.
     pub(super) fn get(&self, url: &str) -> Option<Entry> {
         let path = self.file(url);
         let mut bytes = std::fs::read(&path).ok()?;
@@ -68,7 +68,7 @@ impl Cache {
         Some(Entry { etag: head.etag, bytes })
     }
 
-    /// Caches an object. Errors of the disk are ignored: they only cost time.
+    /// Caches an object. Ignores errors of the disk, which only cost time.
     pub(super) fn put(&self, url: &str, etag: &str, bytes: &[u8]) {
         let size = bytes.len() as u64;
         if size > self.limit_bytes / 2 {
@@ -124,7 +124,7 @@ impl Cache {
     }
 }
 
-/// Other files in the folder are left alone.
+/// True if the path is named like an entry. Other files in the folder stay.
 fn is_entry(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(|name| name.len() == 32 && name.bytes().all(|b| b.is_ascii_hexdigit()))
@@ -169,7 +169,7 @@ mod tests {
             cache.put(&url(n), "e", &vec![n as u8; 9000]);
             assert!(total(folder.path()) < 105_000);
             std::thread::sleep(Duration::from_millis(5));
-            // Used again and again, so it stays.
+            // Frequent use keeps this entry.
             assert!(cache.get(&url(0)).is_some(), "{n}");
         }
         assert!(cache.get(&url(39)).is_some());

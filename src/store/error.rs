@@ -1,15 +1,15 @@
-//! Errors of a store, and whether they are temporary.
+//! Errors of a store, and the distinction between temporary and permanent ones.
 
 use std::error::Error as _;
 use std::io;
 
-/// A store that cannot be used, or that holds other bytes. No text holds a key, a token or a password.
+/// An invalid address, a failed call, or an object with other bytes. No message contains a credential.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The address is invalid.
-    #[error("{address} is no store: {reason}; use a folder or s3://BUCKET/PREFIX")]
+    #[error("{address} is not a store: {reason}; use a folder or s3://BUCKET/PREFIX")]
     Address {
-        /// As given, without possible secrets.
+        /// The address without possible secrets.
         address: String,
         reason: String,
     },
@@ -23,10 +23,10 @@ pub enum StoreError {
         key: String,
         store: String,
         reason: String,
-        /// It may work later: the store was unavailable or busy, and not full, forbidden or absent.
+        /// True if a later call may succeed: the store was unavailable or busy, and not full, forbidden or absent.
         passing: bool,
     },
-    /// Another process put other bytes there.
+    /// Another process put other bytes under this key.
     #[error(
         "{key} in {store} holds other bytes ({there}) than this process made ({here}): two machines computed different \
          results, or the object was damaged; find the wrong one with `glasshouse audit RUN --scene NAME` (the folder's name) and remove it"
@@ -42,14 +42,14 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// The same call may work later, without an intervention.
+    /// True if the same call may succeed later, without an intervention.
     pub fn is_passing(&self) -> bool {
         matches!(self, Self::Call { passing: true, .. })
     }
 }
 
-/// Whether a call that failed like this may work later. In doubt yes: a worker that waits in vain ends with a message,
-/// but one that gives up at the first lost connection is useless.
+/// True if a call with this error may succeed later. Unknown errors count as temporary: a worker that waits in vain
+/// ends with a message, but one that gives up at the first lost connection is useless.
 pub(super) fn is_passing(error: &object_store::Error) -> bool {
     use object_store::Error as E;
     let E::Generic { store, .. } = error else {
@@ -68,21 +68,21 @@ pub(super) fn is_passing(error: &object_store::Error) -> bool {
     }
     match status(&error.to_string()) {
         Some(408 | 429) => true,
-        // 501: the server does not know the call; 507: it is full.
+        // 501: the server does not support the call; 507: the server is full.
         Some(400..=499 | 501 | 507) => false,
         _ => *store != "LocalFileSystem",
     }
 }
 
-/// Whether a TLS connection was refused, for example because of an untrusted certificate.
+/// True if the client refused a TLS connection, for example because of an untrusted certificate.
 fn is_distrust(error: &(dyn std::error::Error + 'static)) -> bool {
     // The error inside an io::Error is not its source.
     let inside = error.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
     error.is::<rustls::Error>() || inside.is_some_and(|error| is_distrust(error))
 }
 
-/// Whether the object is absent. An object that is removed during a download over a lost connection gives another error
-/// than one that never existed.
+/// True if the object is absent. An object that is removed during a download over a lost connection gives another error
+/// than an object that never existed.
 pub(super) fn is_absent(error: &object_store::Error) -> bool {
     use object_store::Error as E;
     match error {
@@ -92,7 +92,7 @@ pub(super) fn is_absent(error: &object_store::Error) -> bool {
     }
 }
 
-/// Whether another process removed the folder or the unfinished file of a put to a disk.
+/// True if another process removed the folder or the unfinished file of a put to a disk.
 pub(super) fn is_cleared_away(error: &object_store::Error) -> bool {
     let is_gone = |cause: &(dyn std::error::Error + 'static)| {
         let error = cause.downcast_ref::<io::Error>();
@@ -102,7 +102,7 @@ pub(super) fn is_cleared_away(error: &object_store::Error) -> bool {
         && causes(error).any(is_gone)
 }
 
-/// Disk errors that a restarting file server causes. A full disk, a quota and a failing sector are permanent.
+/// True for errors of a disk on a restarting file server. A full disk, a quota and a failing sector are permanent.
 fn may_pass(error: &io::Error) -> bool {
     use io::ErrorKind as K;
     matches!(
@@ -127,19 +127,19 @@ fn causes(error: &object_store::Error) -> impl Iterator<Item = &(dyn std::error:
     })
 }
 
-/// The text before an HTTP status in object_store's errors, whose type is private.
+/// Text before an HTTP status in object_store's errors; the type of these errors is private.
 const STATUS: &str = "status code: ";
 
-/// The text before the cause if there was no answer.
+/// Text before the cause if the server gave no response.
 const NO_ANSWER: &str = " - HTTP error: ";
 
-/// The HTTP status in an error's text.
+/// Returns the HTTP status in an error's text.
 fn status(text: &str) -> Option<u16> {
     let (_, rest) = text.split_once(STATUS)?;
     rest.get(..3)?.parse().ok()
 }
 
-/// An error on one line. Of a server's answer only code and message, because the rest repeats the request.
+/// Describes an error on one line. A server's response is cut to code and message; the rest repeats the request.
 pub(super) fn describe(error: &object_store::Error) -> String {
     let text = error.to_string();
     let retries = text
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn the_status_of_an_answer_decides() {
+    fn the_http_status_tells_whether_an_error_is_temporary() {
         for (status, passing) in [
             ("500 Internal Server Error", true),
             ("503 Service Unavailable", true),

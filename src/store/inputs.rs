@@ -1,4 +1,4 @@
-//! Scenes' input files, from local folders or object stores.
+//! Reads scenes' input files from local folders or object stores.
 
 use super::cache::{Cache, Entry};
 use super::error::is_absent;
@@ -26,20 +26,20 @@ pub struct Inputs {
 /// Result of a request for an object.
 enum Fetched {
     Absent,
-    /// It still has the given ETag.
+    /// The object still has the given ETag.
     Unchanged,
     Object(Bytes, Option<String>),
 }
 
 impl Inputs {
-    /// `options` apply to all stores. Objects are kept in `cache`, if there is one.
+    /// Returns a reader. `options` apply to all stores; `cache`, if given, keeps the objects.
     pub fn new(options: StoreOptions, cache: Option<Cache>) -> Self {
         Self { options, cache, buckets: Mutex::default() }
     }
 
-    /// Reads a file, or an object if [`render::line::is_url`].
+    /// Reads a file, or an object if `path` is a URL ([`render::line::is_url`]).
     ///
-    /// Errors of a store are [`StoreError`]s inside, except that an absent object is `NotFound`.
+    /// An absent object gives `NotFound`; other errors of a store contain a [`StoreError`].
     pub fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         let Some((url, bucket, key)) = parts(path) else {
             return std::fs::read(path);
@@ -49,7 +49,7 @@ impl Inputs {
         let etag = kept.as_ref().map(|entry| entry.etag.clone());
         match store.fetch(&key, etag).map_err(io::Error::other)? {
             Fetched::Absent => {
-                Err(io::Error::new(io::ErrorKind::NotFound, "there is no such object"))
+                Err(io::Error::new(io::ErrorKind::NotFound, "the object does not exist"))
             }
             Fetched::Object(bytes, etag) => {
                 let bytes = Vec::from(bytes);
@@ -60,12 +60,12 @@ impl Inputs {
             }
             Fetched::Unchanged => match kept {
                 Some(Entry { bytes, .. }) => Ok(bytes),
-                None => Err(io::Error::other("the store gives no bytes")),
+                None => Err(io::Error::other("the store returned no bytes")),
             },
         }
     }
 
-    /// The first `count` bytes (or all) of the object at the URL `path`, and its size. Nothing is cached.
+    /// Returns the first `count` bytes (or all) of the object at the URL `path`, and its size. Caches no partial reads.
     pub fn read_start(&self, path: &Path, count: usize) -> io::Result<(Vec<u8>, u64)> {
         if let Some((_, bucket, key)) = parts(path) {
             let store = self.bucket(bucket).map_err(io::Error::other)?;
@@ -73,18 +73,18 @@ impl Inputs {
                 return Ok(found);
             }
         }
-        // An empty object has no range; for all other errors a plain read gives the reason.
+        // An empty object has no range. For all other errors, a plain read gives the reason.
         let bytes = self.read(path)?;
         let size = bytes.len() as u64;
         Ok((bytes, size))
     }
 
-    /// Names of all objects below `folder`, a URL, relative to it.
+    /// Returns the names of all objects below `folder`, a URL, relative to it.
     pub fn list(&self, folder: &Path) -> Result<Vec<String>, StoreError> {
         let Some((_, bucket, key)) = parts(folder) else {
             return Err(StoreError::Address {
                 address: folder.display().to_string(),
-                reason: "it is a folder".to_owned(),
+                reason: "a listing needs a URL".to_owned(),
             });
         };
         let found = self.bucket(bucket)?.list(&key)?;
@@ -103,7 +103,7 @@ impl Inputs {
     }
 }
 
-/// A URL, its part up to the bucket, and its key; `None` for a local path.
+/// Splits a URL into the URL itself, its part up to the bucket, and its key. Returns `None` for a local path.
 fn parts(path: &Path) -> Option<(&str, &str, String)> {
     let url = path.to_str().filter(|_| render::line::is_url(path))?;
     let start = url.find("://")? + 3;
@@ -151,7 +151,7 @@ impl Store {
         }
     }
 
-    /// The first bytes of an object and its size; `None` on any error.
+    /// Returns the first bytes of an object and its size, or `None` on any error.
     fn fetch_start(&self, key: &str, count: u64) -> Option<(Vec<u8>, u64)> {
         let path = Key::parse(key).ok()?;
         let options =
@@ -164,11 +164,11 @@ impl Store {
         RUNTIME.block_on(with_patience(Duration::ZERO, get)).ok()
     }
 
-    /// `Absent` if the bucket exists: a wrong bucket is not an error of a scene.
+    /// Returns `Absent` if the bucket exists, because a wrong bucket is not an error of a scene.
     fn absent(&self, key: &str) -> Result<Fetched, StoreError> {
         let look = || async { self.objects.list(None).try_next().await };
         match RUNTIME.block_on(with_patience(self.patience, look)) {
-            // Without permission to list, the server reports absent objects as forbidden, so this is not reached.
+            // If listing is not permitted, the server already reports absent objects as forbidden.
             Ok(_) | Err(object_store::Error::PermissionDenied { .. }) => Ok(Fetched::Absent),
             Err(error) => Err(self.failed("read", key, &error)),
         }

@@ -36,25 +36,25 @@ pub(crate) static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| {
         .expect("the system starts two threads")
 });
 
-/// Concurrent calls for one list of keys.
+/// Number of concurrent calls for one list of keys.
 const CALLS_AT_ONCE: usize = 16;
 
-/// Repetitions of a put after another process removed its unfinished file.
+/// Number of repetitions of a put after another process removed its unfinished file.
 const CLEARED_AWAY: u32 = 3;
 
 #[derive(Clone)]
 pub struct Store {
     objects: Arc<dyn ObjectStore>,
     prefix: Key,
-    /// Its address, for messages.
+    /// Address of the store, for messages.
     name: String,
     local: Option<PathBuf>,
-    /// How long a call is repeated.
+    /// Time for which a failed call is repeated.
     patience: Duration,
 }
 
 impl std::fmt::Debug for Store {
-    /// Only the name, because the output of object_store may contain a part of the credentials.
+    /// Prints only the name, because the output of object_store may contain a part of the credentials.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_tuple("Store").field(&self.name).finish()
     }
@@ -70,33 +70,33 @@ pub enum Put {
 }
 
 impl Store {
-    /// The folder of a run on a local disk.
+    /// Opens the folder of a run on a local disk.
     pub fn local(root: &Path) -> Result<Self, StoreError> {
         Self::open(&root.to_string_lossy(), &StoreOptions::default())
     }
 
-    /// Its address, for messages.
+    /// Returns the store's address, for messages.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The same store with another patience, for calls that are not worth waiting for.
+    /// Returns the same store with another patience, for calls that are not worth waiting for.
     #[must_use]
     pub fn with_patience(&self, patience: Duration) -> Self {
         Self { patience, ..self.clone() }
     }
 
-    /// Its folder, if it is on a local disk.
+    /// Returns the store's folder, if it is on a local disk.
     pub fn local_root(&self) -> Option<&Path> {
         self.local.as_deref()
     }
 
-    /// Whether it is a folder, where reading is cheap.
+    /// True if the store is a folder, where reading is cheap.
     pub(crate) fn is_local(&self) -> bool {
         self.local.is_some()
     }
 
-    /// Shortest time between two reads of an object that may change; requests to a bucket cost money.
+    /// Returns the shortest time between two reads of an object that may change. Requests to a bucket cost money.
     pub(crate) fn poll_interval(&self) -> Duration {
         Duration::from_secs(if self.is_local() { 2 } else { 5 })
     }
@@ -115,18 +115,18 @@ impl Store {
         }
     }
 
-    /// Puts an object that never changes. On return it is durable. If the key exists with other bytes, they stay, and
-    /// the call fails.
+    /// Puts an object that never changes. On return, the object is durable. If the key exists with other bytes, they
+    /// stay, and the call fails.
     pub fn create(&self, key: &str, bytes: &[u8]) -> Result<Put, StoreError> {
         self.create_bytes(key, Bytes::copy_from_slice(bytes))
     }
 
-    /// [`Self::create`] without copying the bytes.
+    /// Works like [`Self::create`] without copying the bytes.
     pub fn create_bytes(&self, key: &str, bytes: Bytes) -> Result<Put, StoreError> {
         RUNTIME.block_on(self.create_async(key, bytes))
     }
 
-    /// [`Self::create`] of several objects concurrently, in any order.
+    /// Works like [`Self::create`] for several objects concurrently, in any order.
     pub fn create_all(&self, objects: Vec<(String, Bytes)>) -> Result<(), StoreError> {
         RUNTIME.block_on(async {
             futures_util::stream::iter(objects)
@@ -195,7 +195,7 @@ impl Store {
             .map_err(|e| self.failed("write", key, &e))
     }
 
-    /// An object's bytes, if it exists.
+    /// Returns an object's bytes, if it exists.
     pub fn get(&self, key: &str) -> Result<Option<Bytes>, StoreError> {
         RUNTIME.block_on(self.get_async(key))
     }
@@ -210,7 +210,7 @@ impl Store {
         }
     }
 
-    /// Several objects' bytes, in their order.
+    /// Returns the bytes of several objects in the order of `keys`.
     pub fn get_all(&self, keys: &[String]) -> Result<Vec<Option<Bytes>>, StoreError> {
         RUNTIME.block_on(async {
             futures_util::stream::iter(keys)
@@ -238,7 +238,7 @@ impl Store {
         })
     }
 
-    /// Whether all of these files are in `folder`.
+    /// True if all of these files are in `folder`.
     pub(crate) fn has_files(&self, folder: &str, files: &[String]) -> Result<bool, StoreError> {
         if let Some(root) = &self.local {
             let folder = root.join(folder);
@@ -258,13 +258,13 @@ impl Store {
         self.delete(&self.list(folder)?)
     }
 
-    /// Keys below `folder`, recursively, in any order; without unfinished puts.
+    /// Returns the keys below `folder`, recursively and in any order, without unfinished puts.
     pub fn list(&self, folder: &str) -> Result<Vec<String>, StoreError> {
         let listed = self.list_times(folder)?.into_iter();
         Ok(listed.map(|(key, _)| key).collect())
     }
 
-    /// Removes objects; absent ones are ignored.
+    /// Removes objects. Ignores absent ones.
     pub fn delete(&self, keys: &[String]) -> Result<(), StoreError> {
         let paths: Vec<Key> = keys.iter().map(|key| self.key(key)).collect();
         let delete = || async {

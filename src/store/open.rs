@@ -1,4 +1,4 @@
-//! Opening a store at an address.
+//! Opens a store at an address.
 
 use super::{Key, Store, StoreError};
 use object_store::local::LocalFileSystem;
@@ -12,7 +12,7 @@ pub struct StoreOptions {
     /// Credentials and endpoints, under object_store's names in any case: `AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`,
     /// `GOOGLE_SERVICE_ACCOUNT`, ... Settings of other stores are ignored.
     pub settings: Vec<(String, String)>,
-    /// How long a call is repeated when the store is unavailable or busy.
+    /// Time for which a call is repeated while the store is unavailable or busy.
     pub patience: Duration,
 }
 
@@ -23,7 +23,7 @@ impl Default for StoreOptions {
 }
 
 impl std::fmt::Debug for StoreOptions {
-    /// Without the settings' values.
+    /// Prints the names of the settings without their values.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let names = self.settings.iter().map(|(name, _)| name);
         f.debug_struct("StoreOptions")
@@ -34,7 +34,7 @@ impl std::fmt::Debug for StoreOptions {
 }
 
 impl Store {
-    /// A folder, `file:///…`, or `s3://BUCKET/PREFIX` (`gs://`, `az://` with their features).
+    /// Opens a folder, `file:///…`, or `s3://BUCKET/PREFIX` (`gs://`, `az://` with their features).
     pub fn open(address: &str, options: &StoreOptions) -> Result<Self, StoreError> {
         let invalid = |reason: String| StoreError::Address { address: address.to_owned(), reason };
         let folder = match address.split_once("://") {
@@ -58,14 +58,14 @@ impl Store {
     }
 
     fn open_url(scheme: &str, rest: &str, options: &StoreOptions) -> Result<Self, StoreError> {
-        // The parts before an @ or after a ? may be secrets, which an address must not have.
+        // The parts before an @ or after a ? may be secrets, which do not belong in an address.
         let shown = rest.split(['?', '#']).next().unwrap_or_default();
         let shown = shown.rsplit('@').next().unwrap_or_default();
         let name = format!("{scheme}://{}", shown.trim_end_matches('/'));
         let invalid = |reason: String| StoreError::Address { address: name.clone(), reason };
         if rest.contains(['?', '#', '@']) {
             return Err(invalid(
-                "credentials and settings belong into the environment (AWS_ACCESS_KEY_ID, …), not into an address"
+                "credentials and settings belong in the environment (AWS_ACCESS_KEY_ID, …), not in an address"
                     .to_owned(),
             ));
         }
@@ -92,8 +92,8 @@ mod remote {
     use std::sync::Arc;
     use std::time::Duration;
 
-    /// Quick retries by object_store. [`super::super::patience`] handles longer outages, and calls that object_store
-    /// does not repeat, such as a put over a lost connection.
+    /// Returns the quick retries of object_store. [`super::super::patience`] handles longer outages, and calls that
+    /// object_store does not repeat, such as a put over a lost connection.
     fn retries() -> RetryConfig {
         RetryConfig {
             backoff: BackoffConfig {
@@ -117,7 +117,7 @@ mod remote {
         )))
     }
 
-    /// Passes the settings that the builder knows.
+    /// Builds a store from the settings that the builder accepts.
     macro_rules! build {
         ($builder:ty, $url:expr, $options:expr) => {{
             let mut builder = <$builder>::new()
@@ -143,10 +143,10 @@ mod remote {
         url: &str,
         options: &StoreOptions,
     ) -> Result<Arc<dyn ObjectStore>, String> {
-        // Without a TLS provider the first connection panics; an earlier choice stays.
+        // Without a TLS provider, the first connection panics. An earlier choice of a provider stays.
         let _ = rustls::crypto::ring::default_provider().install_default();
         let mut options = options.clone();
-        // An endpoint that begins with http:// asks for plain HTTP.
+        // An endpoint that starts with http:// requests plain HTTP.
         let plain = options.settings.iter().any(|(name, value)| {
             name.to_ascii_lowercase().contains("endpoint") && value.starts_with("http://")
         });
@@ -198,7 +198,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn secrets_are_not_repeated() {
+    fn errors_contain_no_secrets() {
         for address in [
             "s3://AKIA:hush@bucket/x",
             "s3://bucket/x?secret=hush",

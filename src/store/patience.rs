@@ -1,10 +1,10 @@
-//! Repeated calls of a store that is unavailable or busy.
+//! Repeats calls to a store that is unavailable or busy.
 
 use super::error::is_passing;
 use std::future::Future;
 use std::time::{Duration, Instant};
 
-/// First pause, and the longest.
+/// First and longest pause between two tries.
 const PAUSE: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 
 /// Pauses between the tries of one call: exponential backoff with jitter.
@@ -19,7 +19,7 @@ impl Tries {
         Self { until: Instant::now() + patience, pause: PAUSE[0] }
     }
 
-    /// Waits for the next try; false if the patience is over.
+    /// Waits for the next try. Returns false if the patience is over.
     pub(super) async fn wait(&mut self) -> bool {
         // Jitter from half of the pause to all of it, so that workers that failed together do not retry together.
         let part = getrandom::u32().map_or(1.0, |n| 0.5 + f64::from(n) / f64::from(u32::MAX) / 2.0);

@@ -1,4 +1,4 @@
-//! Times of the puts.
+//! Lists objects with the times of their puts.
 
 use super::patience::with_patience;
 use super::{RUNTIME, Store, StoreError};
@@ -6,7 +6,7 @@ use futures_util::TryStreamExt;
 use std::time::SystemTime;
 
 impl Store {
-    /// [`Self::list`] with the time of each object's last put by the store's clock, for display only.
+    /// Works like [`Self::list`] and adds the time of each object's last put by the store's clock, for display only.
     pub fn list_times(&self, folder: &str) -> Result<Vec<(String, SystemTime)>, StoreError> {
         let prefix = self.key(folder);
         let skip = self.prefix.as_ref().len() + usize::from(!self.prefix.as_ref().is_empty());

@@ -4,7 +4,7 @@
 #
 #     make-keys.sh [--server-dir DIR] [--store-dir DIR] [--port PORT] OUT NAME...
 #
-# NAME: the server's host names or IP addresses; the first is used in the roles' URL.
+# NAME: host names or IP addresses of the server; the roles' URL uses the first one.
 # OUT gets one folder per role, readable by its owner only:
 #
 #     OUT/server/       server.conf keys.conf ca.pem cert.pem key.pem     to the machine of nats-server
@@ -14,10 +14,10 @@
 #     OUT/ca/           ca.key                                            stays secret: it signs further certificates
 #
 # --server-dir: path of OUT/server on the server [default: its path here], for instance /etc/nats in a container.
-# --store-dir: folder for JetStream's files [default: SERVER_DIR/jetstream]. --port: in the URL [default: 4222].
+# --store-dir: folder for JetStream's files [default: SERVER_DIR/jetstream]. --port: port in the URL [default: 4222].
 #
-# Existing files are kept, missing ones are made. To exchange a key, delete its folder, run this again with the same
-# arguments and reload the server (`nats-server --signal reload=PID`): the old key is then refused.
+# The script keeps existing files and makes missing ones. To exchange a key, delete its folder, run the script again
+# with the same arguments and reload the server (`nats-server --signal reload=PID`), which then refuses the old key.
 set -euo pipefail
 umask 077
 
@@ -69,7 +69,7 @@ for name in "$@"; do
     if [[ $name == *:* || $name =~ ^[0-9.]+$ ]]; then kind=IP; else kind=DNS; fi
     alternative_names+="${alternative_names:+,}$kind:$name"
 done
-# Made again if the server has other names.
+# The certificate is made again if the server's names have changed.
 if [ ! -s "$out/server/cert.pem" ] || [ "$(cat "$out/server/names" 2>/dev/null)" != "$alternative_names" ]; then
     openssl ecparam -name prime256v1 -genkey -noout -out "$out/server/key.pem"
     openssl req -new -key "$out/server/key.pem" -subj "/CN=glasshouse-queue" -out "$out/server/request.pem"
@@ -84,7 +84,7 @@ fi
 
 # --- nkeys: an ed25519 key in base32, between a prefix for its kind and a checksum ---
 
-# CRC-16/XMODEM of hexadecimal bytes, low byte first.
+# Prints the CRC-16/XMODEM of hexadecimal bytes, low byte first.
 crc16() {
     local hex=$1 crc=0 i bit
     for ((i = 0; i < ${#hex}; i += 2)); do
@@ -96,7 +96,7 @@ crc16() {
     printf '%02x%02x' $((crc & 0xff)) $((crc >> 8))
 }
 
-# Hexadecimal bytes with their checksum, in base32 without padding.
+# Prints hexadecimal bytes with their checksum, in base32 without padding.
 encode() {
     local hex escaped='' i
     hex=$1$(crc16 "$1")
@@ -104,7 +104,7 @@ encode() {
     printf '%b' "$escaped" | base32 -w 0 | tr -d =
 }
 
-# The last 32 bytes of a DER file: of a private key its seed, of a public key the point.
+# Prints the last 32 bytes of a DER file: the seed of a private key, or the point of a public key.
 last_32_bytes() {
     tail -c 32 | od -An -v -tx1 | tr -d ' \n'
 }

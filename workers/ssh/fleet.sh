@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
-# Workers on machines with a shared folder and ssh access without a password.
+# Starts, lists and stops workers on machines with a shared folder and ssh access without a password.
 #
 #     fleet.sh start HOSTS RUN QUEUE_ENV [ARGUMENT...]    start one worker per host, unless it is running
 #     fleet.sh list  HOSTS RUN                            list the hosts with a running worker
 #     fleet.sh stop  HOSTS RUN                            SIGTERM: each worker requeues its tasks and exits
 #
-# HOSTS: a file with one host per line (as for ssh), # for comments. RUN: the run's folder, the same path on every host.
-# QUEUE_ENV: keys/worker/queue.env, in the shared folder. ARGUMENTs go to `glasshouse work`: -j 8 --lease-s 30.
-# `glasshouse` must be on the hosts' PATH, or set its path: GLASSHOUSE=/shared/bin/glasshouse. Each worker's output is appended
-# to RUN/logs/HOST.log. SSH sets another ssh command.
+# HOSTS: a file with one host per line (as for ssh); # starts a comment. RUN: the run's folder, the same path on every
+# host. QUEUE_ENV: keys/worker/queue.env, in the shared folder. ARGUMENTs go to `glasshouse work`: -j 8 --lease-s 30. If
+# the hosts' PATH does not have `glasshouse`, set its path: GLASSHOUSE=/shared/bin/glasshouse. Each worker appends its
+# output to RUN/logs/HOST.log. SSH: another ssh command.
 set -euo pipefail
 
 usage() {
@@ -42,7 +42,7 @@ is_running() {
 }
 case $action in
 start)
-    if is_running; then echo "$host: runs already"; exit 0; fi
+    if is_running; then echo "$host: already running"; exit 0; fi
     environment=$1 program=$2
     shift 2
     set -a; . "$environment"; set +a

@@ -1,4 +1,4 @@
-//! The queue of a single process: no server, and the same promises.
+//! A queue inside one process, without a server.
 
 use super::{Answer, Lease, Message, Queue, QueueError, QueueKeeper, QueueState, Request, Taken};
 use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// A queue inside a process. Clones are the same queue.
+/// A queue inside a process. Clones share its messages.
 #[derive(Clone)]
 pub struct LocalQueue {
     shared: Arc<Shared>,
@@ -22,14 +22,14 @@ struct Shared {
 struct State {
     waiting: VecDeque<Entry>,
     held: BTreeMap<u64, (Entry, Option<Instant>)>,
-    /// Of all messages, waiting or leased.
+    /// Keys of all messages, waiting or leased.
     there: BTreeSet<Key>,
     next_lease: u64,
-    /// Workers that have something to donate, by number.
+    /// Workers that have shards to donate, by number.
     able: BTreeMap<u64, Sender<Request>>,
     next_worker: u64,
     next_request: u64,
-    /// A coordinator has called `ensure`.
+    /// True after the first call of `ensure`.
     seen: bool,
 }
 
@@ -38,7 +38,7 @@ struct Entry {
     deliveries: u32,
 }
 
-/// Scene, first shard, one past the last, hops.
+/// Scene, first shard, one past the last shard, and hops.
 type Key = [u32; 4];
 
 fn key(message: &Message) -> Key {
@@ -53,7 +53,7 @@ pub struct LocalWorker {
 }
 
 impl LocalQueue {
-    /// An empty queue. Without a `lease` leases never end, as suits a run's only worker.
+    /// Creates an empty queue. Without `lease`, leases never expire, which suits a run's only worker.
     pub fn new(lease: Option<Duration>) -> Self {
         Self {
             shared: Arc::new(Shared { lease, state: Mutex::default(), changed: Condvar::new() }),
@@ -66,7 +66,7 @@ impl LocalQueue {
         LocalWorker { queue: self.clone(), number: state.next_worker, requests: unbounded() }
     }
 
-    /// Publishes tasks with which an earlier process was lost.
+    /// Publishes messages as redelivered, because an earlier process was lost with their tasks.
     pub fn publish_redelivered(&self, messages: &[Message]) {
         self.put(messages, 1);
     }
@@ -75,7 +75,7 @@ impl LocalQueue {
         self.shared.state.lock().expect("no holder of this lock panics")
     }
 
-    /// True if all messages are new.
+    /// Adds messages. Returns true if all are new.
     fn put(&self, messages: &[Message], deliveries: u32) -> bool {
         let mut state = self.lock();
         let mut all_new = true;
@@ -92,7 +92,7 @@ impl LocalQueue {
 }
 
 impl State {
-    /// Puts messages whose leases have ended before all others.
+    /// Moves messages with expired leases to the front of the queue.
     fn expire(&mut self, now: Instant) {
         let is_over =
             |_: &u64, (_, end): &mut (Entry, Option<Instant>)| end.is_some_and(|end| end <= now);
@@ -157,7 +157,7 @@ impl Queue for LocalWorker {
         let donor = {
             let mut state = self.queue.lock();
             state.next_request += 1;
-            // In turns, as a server spreads requests over its listeners.
+            // Requests go to the donors in turn; a server also spreads them over its subscribers.
             let turn = state.next_request as usize;
             let others = state.able.iter().filter(|(number, _)| **number != self.number);
             let others: Vec<&Sender<Request>> = others.map(|(_, requests)| requests).collect();

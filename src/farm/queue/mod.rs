@@ -1,7 +1,7 @@
 //! The queue: a set of messages, each a task, that workers lease, renew and finish.
 //!
-//! A queue may lose, repeat or return any message without changing the results, because only the store knows which
-//! scenes are done. Two implementations, one inside a process and one on NATS JetStream, pass the same tests
+//! A queue may lose, repeat or return any message without changing the results, because only the store records
+//! which scenes are done. Two implementations, one inside a process and one on NATS JetStream, pass the same tests
 //! (`tests/farm/queues.rs`).
 
 mod local;
@@ -90,7 +90,7 @@ pub trait Queue: Send + Sync {
     /// with that message may have checked its scene and be about to finish it.
     fn publish(&self, messages: &[Message]) -> Result<bool, QueueError>;
     fn renew(&self, lease: u64);
-    /// Ends a lease whose task is done, or published again.
+    /// Ends the lease of a task that is done or published again.
     fn finish(&self, lease: u64);
     /// Requests work from a busy worker. `load_s`: time that this worker takes to load a scene, if known.
     fn request(&self, load_s: Option<f64>) -> Answer;

@@ -1,9 +1,9 @@
-//! The queue on NATS JetStream (a worker's end in `nats_worker`, the coordinator's in `nats_coordinator`): one work-queue
-//! stream a run, whose subjects are the tasks.
+//! The queue on NATS JetStream: one work-queue stream per run, and one subject per task. `nats_worker` implements the
+//! worker's side, `nats_coordinator` the coordinator's.
 //!
-//! A subject holds one message at most, so the stream is a set: the server refuses a message that is in it, which counts as
-//! published. No message is sent back (NAK): a worker that cannot do a task publishes it with [`Message::hops`] one higher,
-//! and acknowledges the old message. A second delivery therefore always means a lost worker.
+//! A subject holds at most one message, so the stream is a set: the server refuses a message that it already has, which
+//! counts as published. A worker that cannot do a task sends no NAK: it publishes the task with [`Message::hops`] one
+//! higher and acknowledges the old message. A second delivery therefore always means a lost worker.
 
 use super::super::message::write_message;
 use super::{Message, QueueError};
@@ -15,26 +15,26 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// The consumer that all workers share.
+/// Name of the consumer that all workers share.
 pub(super) const CONSUMER: &str = "work";
-/// A server that takes longer to answer counts as away.
+/// Longest time that the server may take to answer.
 pub(super) const ANSWER: Duration = Duration::from_secs(5);
-/// Between two probes of a server that is away.
+/// Time between two probes of an unreachable server.
 pub(super) const PROBE_EVERY: Duration = Duration::from_secs(20);
-/// Between two calls to a server that is away.
+/// Pause after a failed call to the server.
 pub(super) const AWAY: Duration = Duration::from_millis(300);
-/// Unconfirmed messages at a time.
+/// Largest number of unconfirmed messages.
 pub(super) const IN_FLIGHT: usize = 256;
 
 #[derive(Clone, Debug, Default)]
 pub struct NatsOptions {
-    /// `nats://host:port`, `tls://…`, several with commas; user and password may stand in them.
+    /// `nats://host:port` or `tls://…`, or several of these separated by commas. May include user and password.
     pub url: String,
-    /// File with an nkey's seed.
+    /// File with the seed of an nkey.
     pub nkey: Option<PathBuf>,
     /// File with a JWT and an nkey's seed, as `nsc` writes it.
     pub creds: Option<PathBuf>,
-    /// File with the certificates (PEM) to trust besides the system's.
+    /// PEM file of certificates to trust in addition to the system's.
     pub ca: Option<PathBuf>,
     /// The client's name in the server's logs.
     pub name: String,
@@ -72,14 +72,14 @@ impl NatsOptions {
     }
 }
 
-/// A connection that reconnects for ever.
+/// A connection that never stops trying to reconnect.
 pub(super) struct Connection {
     pub(super) client: Client,
     pub(super) context: Context,
     pub(super) run: [u8; 8],
     pub(super) stream: String,
     pub(super) subjects: String,
-    /// The last event other than a connection.
+    /// Text of the last event, or `None` if that was a connection.
     pub(super) complaint: Arc<Mutex<Option<String>>>,
     pub(super) options: NatsOptions,
     /// Time and result of the last probe.
@@ -109,7 +109,7 @@ impl Connection {
         let client = RUNTIME
             .block_on(connect.connect(servers))
             .map_err(|e| invalid(&shown(&options.url), &e))?;
-        // The context spawns a task.
+        // The context spawns a task, which needs a runtime.
         let _runtime = RUNTIME.enter();
         let mut context = jetstream::new(client.clone());
         context.set_timeout(ANSWER);
@@ -127,8 +127,8 @@ impl Connection {
         })
     }
 
-    /// Replaces an error by its cause, if the server is away. The reconnecting client reports only "IO error" for a refused
-    /// port, an unknown name and an untrusted certificate, so a second connection is tried.
+    /// Replaces an error by its cause if the client is not connected. The reconnecting client reports only "IO error"
+    /// for a refused port, an unknown name and an untrusted certificate, so this opens a second connection.
     pub(super) fn explained(&self, error: QueueError) -> QueueError {
         let connected = self.client.connection_state() == async_nats::connection::State::Connected;
         if connected {
@@ -155,7 +155,7 @@ impl Connection {
         }
     }
 
-    /// An error with the last event of the connection.
+    /// Returns an error that includes the last event of the connection.
     pub(super) fn lost(&self, error: &dyn std::fmt::Display) -> QueueError {
         let said = self.complaint.lock().expect("no holder of this lock panics");
         QueueError(match &*said {
@@ -170,7 +170,7 @@ impl Connection {
         format!("{}.span.{scene}.{}-{}.{hops}", self.subjects, shards.start, shards.end)
     }
 
-    /// True if all messages are new.
+    /// Publishes messages. Returns true if all are new.
     pub(super) async fn publish(&self, messages: &[Message]) -> Result<bool, QueueError> {
         futures_util::stream::iter(messages)
             .map(|message| async move {
@@ -192,13 +192,13 @@ impl Connection {
     }
 }
 
-/// Waits for the server up to `limit`.
+/// Waits for the server up to `limit`; returns `None` if it gives no answer.
 pub(super) fn within<T>(limit: Duration, answer: impl Future<Output = T>) -> Option<T> {
-    // A timer must be made inside the runtime.
+    // Tokio can create a timer only inside a runtime.
     RUNTIME.block_on(async { tokio::time::timeout(limit, answer).await.ok() })
 }
 
-/// An error of a connection with all of its causes.
+/// Formats an error of a connection with all of its causes.
 pub(super) fn cause(url: &str, error: &dyn std::error::Error) -> String {
     use std::fmt::Write as _;
     let mut text = format!("{}: {error}", shown(url));
@@ -212,7 +212,7 @@ pub(super) fn cause(url: &str, error: &dyn std::error::Error) -> String {
     text
 }
 
-/// A URL without its password.
+/// Returns a URL without user and password.
 pub(super) fn shown(url: &str) -> String {
     let servers = url.split(',').map(|server| match server.rsplit_once('@') {
         Some((before, host)) => {

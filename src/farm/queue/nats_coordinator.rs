@@ -1,4 +1,4 @@
-//! The coordinator's end of the queue on NATS JetStream.
+//! The coordinator's side of the queue on NATS JetStream.
 
 use super::nats::{CONSUMER, Connection, NatsOptions};
 use super::{Message, QueueError, QueueKeeper, QueueState};
@@ -14,12 +14,12 @@ use std::time::Duration;
 pub struct NatsCoordinator {
     connection: Connection,
     lease: Duration,
-    /// The creation time of the last stream seen.
+    /// Creation time of the last stream seen, ns since 1970.
     seen: Mutex<Option<i128>>,
 }
 
 impl NatsCoordinator {
-    /// Connects, now or when the server is there.
+    /// Connects at once, or as soon as the server can be reached.
     pub fn connect(
         options: &NatsOptions,
         run: [u8; 8],
@@ -52,7 +52,7 @@ impl NatsCoordinator {
         self.call(self.connection.context.get_stream(&self.connection.stream))
     }
 
-    /// Makes the stream and its consumer if needed; returns the stream's creation time.
+    /// Creates the stream and its consumer if needed. Returns the stream's creation time.
     fn make(&self) -> Result<i128, QueueError> {
         let wanted = self.config();
         let stream = self.call(self.connection.context.get_or_create_stream(wanted.clone()))?;
@@ -68,8 +68,8 @@ impl NatsCoordinator {
         if !same {
             let name = &self.connection.stream;
             return Err(QueueError(format!(
-                "the server made the stream {name} otherwise than it was asked to; it must be nats-server 2.9.10 or newer, \
-                 and nothing else may have made that stream (`nats stream rm {name}` removes it, the run loses nothing)"
+                "the stream {name} does not have the requested settings; use nats-server 2.9.10 or newer, and remove a \
+                 stream that another program created (`nats stream rm {name}`; the run loses nothing)"
             )));
         }
         let config = pull::Config {
@@ -84,10 +84,10 @@ impl NatsCoordinator {
         let consumer: PullConsumer = self.call(stream.get_or_create_consumer(CONSUMER, config))?;
         let got = &consumer.cached_info().config;
         if got.ack_wait != self.lease || got.max_ack_pending != -1 {
-            // A coordinator with another lease made it. Leased tasks come back, which only costs time.
+            // A coordinator with another lease created the consumer. Tasks are redelivered, which only costs time.
             self.call(stream.delete_consumer(CONSUMER))?;
             return Err(QueueError(format!(
-                "the consumer {CONSUMER} had leases of {} s; it was removed and will be made with {} s",
+                "the consumer {CONSUMER} had leases of {} s; it was removed and will be created with {} s",
                 got.ack_wait.as_secs_f64(),
                 self.lease.as_secs_f64()
             )));

@@ -1,4 +1,4 @@
-//! A worker's end of the queue on NATS JetStream.
+//! A worker's side of the queue on NATS JetStream.
 
 use super::super::message::{read_answer, read_message, read_request, write_answer, write_request};
 use super::nats::{ANSWER, AWAY, CONSUMER, Connection, NatsOptions, within};
@@ -24,7 +24,7 @@ pub struct NatsWorker {
 }
 
 impl NatsWorker {
-    /// Connects, now or when the server is there. `run`: first bytes of the spec's digest; `scenes`: their number.
+    /// Connects now, or once the server can be reached. `run`: start of the spec's digest; `scenes`: number of scenes.
     pub fn connect(
         options: &NatsOptions,
         run: [u8; 8],
@@ -52,11 +52,11 @@ impl NatsWorker {
         let stream = stream.map_err(|e| connection.lost(&e))?;
         let found = stream.get_consumer(CONSUMER).await;
         let found: PullConsumer = found
-            .map_err(|e| connection.lost(&format!("the run's queue is not there yet: {e}")))?;
+            .map_err(|e| connection.lost(&format!("the run's queue does not exist yet: {e}")))?;
         let lease = found.cached_info().config.ack_wait;
         if lease != self.lease {
             return Err(QueueError(format!(
-                "its leases are {} s and this worker's {} s: give coordinator and workers the same --lease-s",
+                "the queue's leases last {} s and this worker's {} s: give coordinator and workers the same --lease-s",
                 lease.as_secs_f64(),
                 self.lease.as_secs_f64()
             )));
@@ -110,7 +110,7 @@ impl Queue for NatsWorker {
                 held.insert(id, Arc::new(delivered));
                 Taken::Lease(lease)
             }
-            // Put off for a while, for a worker of another version may know the message.
+            // A worker of another version may be able to decode the message, so the server delivers it again later.
             Ok(None) => leave(&delivered, "a message does not belong to this run"),
             Err(error) => leave(&delivered, &error.to_string()),
         }
@@ -122,14 +122,14 @@ impl Queue for NatsWorker {
 
     fn renew(&self, lease: u64) {
         if let Some(message) = self.held(lease) {
-            // If it is lost the lease ends, which only costs time.
+            // If the renewal is lost, the lease expires, which only costs time.
             let _ = RUNTIME.block_on(message.ack_with(AckKind::Progress));
         }
     }
 
     fn finish(&self, lease: u64) {
         if let Some(message) = self.held(lease) {
-            // If the server is away, the task comes back later and is found done.
+            // If the server cannot be reached, it delivers the task again later, and a worker finds the scene done.
             let _ = within(ANSWER, message.double_ack());
             let mut held = self.held.lock().expect("no holder of this lock panics");
             held.remove(&lease);
@@ -142,7 +142,7 @@ impl Queue for NatsWorker {
         // This thread also renews leases, so it must not wait for long.
         match within(ANSWER.min(self.lease / 3), request) {
             Some(Ok(answer)) => read_answer(&answer.payload).unwrap_or_default(),
-            // No worker listens, or the server is away.
+            // No worker listens, or the server cannot be reached.
             Some(Err(_)) | None => Answer::default(),
         }
     }

@@ -1,9 +1,9 @@
-//! The time that no schedule can beat.
+//! A lower bound of the makespan.
 
 use super::case::{Case, Fault};
 
-/// Seconds that all workers together need for the work and one load of each scene, each at its speed while it is there;
-/// none if they never finish.
+/// Returns the time that all workers together take for the work and one load of each scene, s. Each worker counts with
+/// its speed while it runs. Returns `None` if they never finish.
 pub fn lower_bound_s(case: &Case) -> Option<f64> {
     let work = &case.work;
     let shards = (0..work.scenes).flat_map(|scene| (0..work.shards).map(move |s| (scene, s)));
@@ -16,7 +16,7 @@ pub fn lower_bound_s(case: &Case) -> Option<f64> {
             speeds[worker as usize] /= times;
         }
     }
-    // Times at which the speed of all together changes, and by how much.
+    // Times at which the total speed changes, and the changes.
     let mut changes = Vec::new();
     for fault in &case.faults {
         match *fault {

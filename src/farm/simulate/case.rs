@@ -7,26 +7,26 @@ pub(super) use render::hash::splitmix64 as mix;
 pub struct Work {
     pub scenes: u32,
     pub shards: u32,
-    /// Seconds of a worker of speed 1 for a shard of the cheapest scenes; a shard is 25 % more or less.
+    /// Time of a worker of speed 1 for a shard of the cheapest scenes, s. Shards vary by 25 %.
     pub cheapest_shard_s: f64,
-    /// How often the cost doubles from the cheapest scenes to the dearest: 4 is 1:16. All are equally frequent.
+    /// Number of doublings from the cheapest scenes to the dearest (4: costs 1:16). All costs are equally frequent.
     pub doublings: u32,
-    /// So many scenes, the last ones, are of the dearest: the worst order.
+    /// Number of scenes at the end that have the highest cost, which is the worst order.
     pub dearest_last: u32,
-    /// Seconds of a worker of speed 1 to load a scene.
+    /// Time of a worker of speed 1 to load a scene, s.
     pub load_s: f64,
-    /// Seeds the costs, the jitter and the choice of donors.
+    /// Seed of the costs, the jitter and the choice of donors.
     pub seed: u64,
 }
 
 impl Work {
-    /// Microseconds of a worker of speed 1. Seed 0 has the costs of the measured prototype.
+    /// Returns the time of a worker of speed 1 for a shard, µs. Seed 0 has the costs of the measured prototype.
     pub fn shard_us(&self, scene: u32, shard: u32) -> u64 {
         let seed = if self.seed == 0 { 0 } else { mix(self.seed) };
         let drawn = mix(u64::from(scene) ^ seed) % u64::from(self.doublings + 1);
         let is_last = scene + self.dearest_last >= self.scenes;
         let doublings = if is_last { u64::from(self.doublings) } else { drawn };
-        // The prototype's 100, or more where scenes have more shards.
+        // The prototype's stride was 100; scenes with more shards need a larger one.
         let stride = u64::from(self.shards.max(100));
         let key = (u64::from(scene) * stride + u64::from(shard) + 7) ^ seed;
         let percent = 75 + mix(key) % 50;
@@ -39,22 +39,22 @@ impl Work {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fleet {
     pub workers: u32,
-    /// Seconds from a worker to the queue's server and back.
+    /// Time from a worker to the queue's server and back, s.
     pub round_trip_s: f64,
-    /// Seconds of a small request to the store: a listing, a put.
+    /// Time of a small request to the store (a listing, a put), s.
     pub store_s: f64,
-    /// Seconds that the store needs for a page of 1000 keys.
+    /// Time that the store takes to list a page of 1000 keys, s.
     pub page_s: f64,
-    /// Messages that a publisher gets confirmed in a second.
+    /// Number of messages that the queue confirms to a publisher per second.
     pub publishes_per_s: f64,
 }
 
-/// Times that a user of a farm chooses, s.
+/// Times that the user of a farm chooses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rules {
-    /// A lease ends after this time unless it is renewed, which happens every third of it.
+    /// Time after which an unrenewed lease expires, s. Workers renew a lease after every third of it.
     pub lease_s: f64,
-    /// A coordinator reconciles at least so often.
+    /// Longest time between two reconciliations by the coordinator, s.
     pub reconcile_s: f64,
 }
 
@@ -65,22 +65,22 @@ pub enum Fault {
         worker: u32,
         at_s: f64,
     },
-    /// The worker takes so many times as long throughout.
+    /// All work takes this worker `times` as long.
     Slow {
         worker: u32,
         times: f64,
     },
-    /// The worker is stopped, then goes on as if nothing had happened.
+    /// The worker freezes for a while and then continues.
     Stop {
         worker: u32,
         at_s: f64,
         for_s: f64,
     },
-    /// The queue forgets everything; its stream is gone.
+    /// The queue loses its stream with all messages.
     Wipe {
         at_s: f64,
     },
-    /// The queue's server is away; it keeps its messages, and leases go on ending.
+    /// The queue's server cannot be reached. It keeps its messages; overdue leases expire on its return.
     Away {
         at_s: f64,
         for_s: f64,
@@ -109,7 +109,7 @@ impl Default for Rules {
 }
 
 impl Default for Work {
-    /// The measured case of the prototype: 50 scenes of 16 shards, costs 1:16, the dearest last.
+    /// Returns the measured case of the prototype: 50 scenes of 16 shards with costs 1:16, the dearest last.
     fn default() -> Self {
         Self {
             scenes: 50,
@@ -123,7 +123,7 @@ impl Default for Work {
     }
 }
 
-/// Each of `workers` with the probability `share`, drawn by `seed`, with a random number in 0..1.
+/// Draws each of `workers` with the probability `share`. Returns their indices, each with a random number in 0..1.
 pub fn some_workers(workers: u32, share: f64, seed: u64) -> Vec<(u32, f64)> {
     let unit = |key: u64| (mix(seed ^ mix(key)) >> 11) as f64 / (1u64 << 53) as f64;
     (0..workers)

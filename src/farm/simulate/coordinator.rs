@@ -1,4 +1,4 @@
-//! The coordinator: it polls the queue, lists queue and store, and publishes missing scenes.
+//! A model of the coordinator, which polls the queue, lists queue and store, and publishes missing scenes.
 
 use super::state::{Event, Sim, us};
 use crate::farm::queue::Message;
@@ -6,11 +6,11 @@ use crate::run::Task;
 
 const PAGE_KEYS: u64 = 1000;
 
-/// Subjects in a page of the stream's listing, and seconds for one (a few MB of JSON).
+/// Number of subjects in a page of the stream's listing, and time for a page (a few MB of JSON), s.
 const PAGE_SUBJECTS: u64 = 100_000;
 const PAGE_SUBJECTS_S: f64 = 0.2;
 
-/// Seconds between two polls of the queue's counts.
+/// Time between two polls of the queue's counts, s.
 pub(super) const POLL_S: f64 = 1.0;
 
 const BATCH_S: f64 = 0.01;
@@ -37,8 +37,8 @@ impl Sim<'_> {
         }
     }
 
-    /// Lists the queue, then the store: a scene finished in between counts as finished. Of the store it lists one key for
-    /// each tuple, from the first scene on that had none the last time.
+    /// Lists the queue before the store, so that a scene finished in between counts as finished. The store's listing
+    /// has one key per tuple, and starts at the first scene without a tuple in the previous listing.
     pub(super) fn reconcile(&mut self) {
         let scenes = self.case.work.scenes;
         self.outcome.reconciles += 1;
@@ -56,7 +56,7 @@ impl Sim<'_> {
         self.after(us(listing_s), Event::Listed);
     }
 
-    /// Both listings are there: publishes the scenes that are in neither.
+    /// Publishes the scenes that are in neither listing.
     pub(super) fn listed(&mut self) {
         self.coordinator.is_listing = false;
         self.coordinator.reconciled_us = self.now_us;

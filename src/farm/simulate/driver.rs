@@ -1,4 +1,4 @@
-//! A simulated worker drives the state machine that ships, in virtual time.
+//! Drives a worker's real state machine in virtual time.
 
 use super::queue::Sequence;
 use super::state::{Doing, Event, ServerEvent, Sim, WorkerEvent, WorkerId, us};
@@ -6,7 +6,7 @@ use crate::farm::queue::Lease;
 use crate::farm::worker::tasks::{Action, Time};
 use std::collections::VecDeque;
 
-/// Sequence and stream of a lease's message, from the lease's number.
+/// Returns the sequence number and the stream of a lease's message.
 pub(super) fn message_of(lease: u64) -> (Sequence, u32) {
     (lease as u32, (lease >> 32) as u32)
 }
@@ -36,7 +36,7 @@ impl Sim<'_> {
         self.go_on(worker);
     }
 
-    /// Begins the next computation, or looks for work.
+    /// Starts the next computation, or looks for work.
     fn go_on(&mut self, worker: WorkerId) {
         if !self.workers[worker as usize].is_computing() {
             self.compute(worker);
@@ -66,7 +66,7 @@ impl Sim<'_> {
         while let Some(task) = w.queued.pop_front() {
             if w.tasks.load(task, now) {
                 w.doing = Doing::Loads(task);
-                // Pauses start short again only now: the lease itself may be of a scene that is done, or donated since.
+                // Only a load resets the pauses, because the scene of a new lease may be done or donated by now.
                 w.pauses = 0;
                 self.outcome.loads += 1;
                 let load_us = us(w.load_s);
@@ -111,7 +111,7 @@ impl Sim<'_> {
         self.go_on(worker);
     }
 
-    /// Does the machine's actions. Only finishing a lease takes time.
+    /// Performs the machine's actions. Only finishing a lease takes time.
     fn perform(&mut self, worker: WorkerId, actions: Vec<Action>) {
         let mut actions = VecDeque::from(actions);
         while let Some(action) = actions.pop_front() {
@@ -170,7 +170,7 @@ impl Sim<'_> {
         }
     }
 
-    /// The queue has answered the offers: it has all of them, or the donor keeps them.
+    /// Handles the queue's answer to the offers. With `all`, the queue has them; otherwise the donor keeps its shards.
     pub(super) fn confirmed(&mut self, worker: WorkerId, all: bool) {
         let w = &mut self.workers[worker as usize];
         let requester = w.requester.take();

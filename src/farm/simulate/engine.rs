@@ -1,4 +1,4 @@
-//! The loop over events in virtual time, and the faults.
+//! Runs the events in virtual time and injects the faults.
 
 use super::bound::lower_bound_s;
 use super::case::{Case, Fault};
@@ -7,8 +7,8 @@ use super::outcome::Outcome;
 use super::state::{Event, RECONNECT_S, ServerEvent, Sim, Worker, WorkerEvent, WorkerId, us};
 use std::cmp::Reverse;
 
-/// Simulates a case until its coordinator knows that every scene is done; none if that takes more than a hundred times the
-/// lower bound.
+/// Simulates a case until its coordinator has found every scene done. Returns `None` if that takes more than 100 times
+/// the sum of the lower bound and the reconciliation interval, or if the workers never finish.
 pub fn simulate(case: &Case) -> Option<Outcome> {
     let bound_s = lower_bound_s(case)?;
     let mut sim = Sim::new(case, bound_s);
@@ -57,7 +57,7 @@ impl Sim<'_> {
     fn handle(&mut self, event: Event) {
         match event {
             Event::AtServer(of) if self.now_us < self.away_until_us => {
-                // Clients send again when the server is back, not all at the same instant.
+                // Clients repeat their requests at random times after the server's return.
                 let jitter_us = match of {
                     ServerEvent::LeaseEnds { .. } => 0,
                     _ => self.draw_below(us(RECONNECT_S)),
@@ -106,7 +106,7 @@ impl Sim<'_> {
         match self.case.faults[k as usize] {
             Fault::Slow { .. } => {}
             Fault::Kill { worker, .. } => {
-                // The server sees the connection end.
+                // The server notices the end of the connection.
                 self.listen(worker, false);
                 self.workers[worker as usize] = Worker { is_dead: true, ..Worker::default() };
             }
@@ -129,7 +129,7 @@ impl Sim<'_> {
         }
     }
 
-    /// Pulls that waited at the server are sent again.
+    /// Repeats the pulls that waited at the server.
     fn server_is_back(&mut self) {
         for (worker, pull) in std::mem::take(&mut self.waiting_pulls) {
             if self.pull_is_open(worker, pull) {

@@ -65,9 +65,9 @@ pub struct Messages {
 /// The result of a simulation.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Outcome {
-    /// Seconds until the store has the last tuple.
+    /// Time until the store has the last tuple, s.
     pub makespan_s: f64,
-    /// Seconds until the coordinator has found all tuples.
+    /// Time until the coordinator has found all tuples, s.
     pub known_s: f64,
     pub bound_s: f64,
     pub loads: u64,
@@ -75,7 +75,7 @@ pub struct Outcome {
     pub shards_traced: u64,
     /// Number of shards that workers traced again, after another worker had traced them.
     pub shards_traced_again: u64,
-    /// Requests that a donor fulfilled.
+    /// Number of requests that a donor fulfilled.
     #[serde(rename = "gives")]
     pub donations: u64,
     #[serde(rename = "spans_given")]
@@ -83,7 +83,7 @@ pub struct Outcome {
     #[serde(rename = "asked_in_vain")]
     pub requests_in_vain: u64,
     pub leases_ended: u64,
-    /// Acknowledgements that removed a message of another scene, because the stream had been created again.
+    /// Number of acknowledgements that removed another message, because the stream had been created again.
     pub wrong_acknowledgements: u64,
     /// Messages to and from the queue's server; an object by kind in JSON.
     #[serde(serialize_with = "by_kind")]
@@ -94,12 +94,12 @@ pub struct Outcome {
     pub most_in_stream: u64,
     /// Number of times that workers list partials: after loading a scene, and after storing a part of a scene.
     pub worker_listings: u64,
-    /// Pages of 1000 keys that the coordinator listed.
+    /// Number of pages of 1000 keys that the coordinator listed.
     pub coordinator_pages: u64,
-    /// Pages of the queue's subjects that the coordinator listed.
+    /// Number of pages of the queue's subjects that the coordinator listed.
     pub subject_pages: u64,
     pub reconciles: u64,
-    /// Tasks of finished scenes that the coordinator published.
+    /// Number of tasks of finished scenes that the coordinator published.
     pub published_though_done: u64,
     pub events: u64,
 }

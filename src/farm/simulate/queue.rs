@@ -1,9 +1,9 @@
 //! A model of the work queue: a JetStream work-queue stream with one durable pull consumer.
 //!
-//! As measured on the real one: a message's name (its subject) is in the stream at most once; an acknowledgement names a
-//! number in the stream, is accepted from any sender, and removes the message, even under a new holder; a lease that
-//! ends puts the message before those that were never delivered. A stream that is made anew counts from the start again,
-//! so that an old acknowledgement may remove a new message.
+//! The model behaves as measured on a real server. A message's name (its subject) is in the stream at most once. An
+//! acknowledgement names a number in the stream, is accepted from any sender, and removes the message even while
+//! another worker holds it. A message with an expired lease precedes those that were never delivered. A stream that is
+//! created again counts from the start, so an old acknowledgement may remove a new message.
 
 use crate::farm::queue::Message;
 use crate::run::Task;
@@ -19,8 +19,8 @@ const NONE: u32 = u32::MAX;
 enum State {
     Waiting,
     Held,
-    /// In the stream, but the consumer never delivers it (seen after a restart of an old server).
-    #[cfg_attr(not(test), expect(dead_code, reason = "only tests make one"))]
+    /// In the stream, but never delivered by the consumer (seen after a restart of an old server).
+    #[cfg_attr(not(test), expect(dead_code, reason = "only tests create it"))]
     Zombie,
     Gone,
 }
@@ -42,7 +42,7 @@ struct Entry {
 pub(super) struct Delivered {
     pub(super) sequence: Sequence,
     pub(super) message: Message,
-    /// It was delivered before.
+    /// True if the message was delivered before.
     pub(super) again: bool,
 }
 
@@ -62,12 +62,12 @@ impl Queue {
         Self { first_of_scene: vec![NONE; scenes as usize], ..Self::default() }
     }
 
-    /// Messages that no worker has.
+    /// Returns the number of messages that no worker holds.
     pub(super) fn waiting(&self) -> usize {
         self.waiting
     }
 
-    /// Messages that are delivered and not acknowledged.
+    /// Returns the number of messages that are delivered but not acknowledged.
     pub(super) fn held(&self) -> usize {
         self.held
     }
@@ -76,7 +76,7 @@ impl Queue {
         self.waiting + self.held + self.zombies
     }
 
-    /// Adds a message; false if one of this name is there.
+    /// Adds a message. Returns false if the stream has a message with the same name.
     pub(super) fn publish(&mut self, message: &Message) -> bool {
         let scene = message.task.scene;
         let shards = &message.task.shards;
@@ -102,7 +102,7 @@ impl Queue {
         true
     }
 
-    /// Delivers the next message: those whose lease ended first.
+    /// Delivers the next message. Messages with an expired lease precede those never delivered.
     pub(super) fn take(&mut self, lease_end_us: u64) -> Option<Delivered> {
         loop {
             let sequence = match self.redelivered.pop() {
@@ -110,7 +110,7 @@ impl Queue {
                 None => self.fresh.pop_front()?,
             };
             let entry = &mut self.messages[sequence as usize];
-            // It was acknowledged while it waited.
+            // The message was acknowledged while it waited.
             if entry.state != State::Waiting {
                 continue;
             }
@@ -125,7 +125,7 @@ impl Queue {
         }
     }
 
-    /// Lengthens a lease; without effect on a message that is not held.
+    /// Extends the lease of a message that a worker holds.
     pub(super) fn renew(&mut self, sequence: Sequence, lease_end_us: u64) {
         if let Some(message) = self.messages.get_mut(sequence as usize)
             && message.state == State::Held
@@ -134,7 +134,7 @@ impl Queue {
         }
     }
 
-    /// Removes a message, from whichever worker; false if it is not there.
+    /// Removes a message, even if another worker holds it. Returns false if the stream does not have it.
     pub(super) fn acknowledge(&mut self, sequence: Sequence) -> bool {
         let Some(message) = self.messages.get_mut(sequence as usize) else {
             return false;
@@ -176,7 +176,7 @@ impl Queue {
         }
     }
 
-    /// Shards of each of a scene's messages.
+    /// Returns the shards of each message of a scene.
     pub(super) fn ranges(&self, scene: u32) -> Vec<Range<u32>> {
         self.of_scene(scene).map(|k| &self.messages[k as usize]).map(|m| m.start..m.end).collect()
     }
@@ -192,13 +192,13 @@ impl Queue {
     }
 }
 
-/// The state of a lease whose time may have come.
+/// The state of a lease at the time of its possible expiry.
 pub(super) enum Expiry {
-    /// It was renewed until then, in microseconds.
+    /// The lease was renewed until this time, µs.
     At(u64),
-    /// The message waits again.
+    /// The lease has expired, and the message waits again.
     Ended,
-    /// The message was acknowledged or forgotten.
+    /// No worker holds the message.
     NotHeld,
 }
 
@@ -214,7 +214,7 @@ impl Queue {
         (0..self.messages.len() as Sequence).filter(is_gone).collect()
     }
 
-    /// Puts an acknowledged message back, to be delivered again, or never.
+    /// Puts an acknowledged message back. The queue never delivers a `zombie`, but any other message again.
     pub(super) fn resurrect(&mut self, sequence: Sequence, zombie: bool) {
         let message = &mut self.messages[sequence as usize];
         assert_eq!(message.state, State::Gone);

@@ -1,4 +1,4 @@
-//! The queue's server: pulls, messages, leases, and requests for donations.
+//! A model of the queue's server: pulls, messages, leases, and requests for donations.
 
 use super::driver::message_of;
 use super::outcome::Kind;
@@ -6,7 +6,7 @@ use super::queue::Expiry;
 use super::state::{Event, ServerEvent, Sim, WorkerEvent, WorkerId, us};
 use crate::farm::queue::Message;
 
-/// A pull waits at the server for so many seconds.
+/// Time that a pull waits at the server, s.
 const PULL_S: f64 = 30.0;
 
 impl Sim<'_> {
@@ -16,7 +16,7 @@ impl Sim<'_> {
             ServerEvent::Publish(worker) => self.publish_arrives(worker),
             ServerEvent::Acknowledge { sequence, stream } => {
                 self.tally.count(Kind::Acknowledge, self.now_us);
-                // An acknowledgement does not say which stream it means.
+                // An acknowledgement does not name its stream.
                 if self.queue.acknowledge(sequence) && stream != self.stream {
                     self.outcome.wrong_acknowledgements += 1;
                 }
@@ -37,7 +37,7 @@ impl Sim<'_> {
         }
     }
 
-    /// The worker is alive, and this pull of it has no answer yet.
+    /// True if the worker is alive and this pull has no answer yet.
     pub(super) fn pull_is_open(&self, worker: WorkerId, pull: u32) -> bool {
         let worker = &self.workers[worker as usize];
         !worker.is_dead && worker.open_pull == Some(pull)
@@ -76,7 +76,7 @@ impl Sim<'_> {
         }
     }
 
-    /// Sends the next message to a worker; false if there is none.
+    /// Sends the next message to a worker. Returns false if no message waits.
     fn deliver(&mut self, worker: WorkerId) -> bool {
         let lease_us = us(self.case.rules.lease_s);
         let Some(delivery) = self.queue.take(self.now_us + lease_us) else {
@@ -88,13 +88,13 @@ impl Sim<'_> {
         let receiver = &mut self.workers[worker as usize];
         receiver.open_pull = None;
         receiver.inbox = Some((delivery, stream));
-        // It checks the store before it counts the task as its own.
+        // The worker checks the store before it adds the task to its own.
         let delay_us = self.way_us() + us(self.case.fleet.store_s);
         self.at_worker_after(delay_us, worker, WorkerEvent::Delivered);
         true
     }
 
-    /// Adds a message to the stream; false if the stream had it before. None if the stream is gone.
+    /// Adds a message to the stream. Returns false if the stream already had it, and `None` if the stream is gone.
     pub(super) fn store_message(&mut self, message: &Message) -> Option<bool> {
         self.tally.count(Kind::Publish, self.now_us);
         self.stream_is_there.then(|| {
@@ -139,7 +139,7 @@ impl Sim<'_> {
         }
     }
 
-    /// A worker subscribes to requests, or unsubscribes.
+    /// Subscribes a worker to requests, or unsubscribes it.
     pub(super) fn listen(&mut self, worker: WorkerId, listens: bool) {
         let place = self.workers[worker as usize].listens;
         match (place, listens) {

@@ -1,4 +1,4 @@
-//! The state of a simulated farm, and its events in the order of their times.
+//! The state of a simulated farm, and its events in order of time.
 
 use super::case::{Case, mix};
 use super::outcome::{Outcome, Tally};
@@ -13,12 +13,12 @@ use std::collections::{BinaryHeap, VecDeque};
 /// The default of a worker's `--checkpoint-s`.
 const CHECKPOINT: Time = Time::from_secs(20);
 
-/// Clients reconnect within this time after their server is back, s.
+/// Longest time that a client takes to reconnect after the server's return, s.
 pub(super) const RECONNECT_S: f64 = 1.0;
 
 pub(super) type WorkerId = u32;
 
-/// Seconds as whole microseconds.
+/// Converts seconds to whole microseconds.
 pub(super) fn us(seconds: f64) -> u64 {
     (seconds * 1e6).round() as u64
 }
@@ -28,16 +28,16 @@ pub(super) enum Event {
     AtServer(ServerEvent),
     AtWorker(WorkerId, WorkerEvent),
     PullEnds { worker: WorkerId, pull: u32 },
-    // Of the coordinator.
+    // Events of the coordinator.
     Poll,
     Listed,
     PublishMore,
-    // Of the case.
+    // Events of the faults.
     FaultBegins(u32),
     ServerIsBack,
 }
 
-/// Requests to the queue's server, which are put off while it is away.
+/// Events at the queue's server, delayed while the server cannot be reached.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum ServerEvent {
     Pull { worker: WorkerId, waits: bool },
@@ -69,37 +69,37 @@ pub(super) enum Doing {
     Traces(TaskId, u32, u64),
 }
 
-/// A simulated worker. It computes one thing at a time.
+/// A simulated worker with one compute thread.
 #[derive(Clone, Default)]
 pub(super) struct Worker {
     pub(super) is_dead: bool,
     pub(super) stopped_until_us: u64,
-    /// Computation that it missed while it was stopped.
+    /// Computing time that the worker missed while it was stopped, µs.
     pub(super) owed_us: u64,
-    /// It takes this many times as long as others.
+    /// Factor on the time of a shard.
     pub(super) slowness: f64,
-    /// Seconds in which it loads a scene.
+    /// Time to load a scene, s.
     pub(super) load_s: f64,
     pub(super) tasks: Tasks<()>,
     pub(super) doing: Doing,
     pub(super) queued: VecDeque<TaskId>,
     pub(super) shards: VecDeque<(TaskId, u32)>,
-    /// Seconds of a shard, a moving mean.
+    /// Moving mean of the time of a shard, s.
     pub(super) mean_s: Option<f64>,
     /// Number of the pull that has no answer yet.
     pub(super) open_pull: Option<u32>,
     pub(super) pulls: u32,
-    /// A message on its way here, and its stream.
+    /// A message on its way to the worker, and its stream.
     pub(super) inbox: Option<(Delivered, u32)>,
     /// Offers that the queue has not confirmed.
     pub(super) outbox: Vec<Offer>,
-    /// The worker to answer after the confirmation.
+    /// Worker that gets an answer after the confirmation.
     pub(super) requester: Option<WorkerId>,
-    /// Its place among the listeners to requests.
+    /// The worker's index in the list of listeners, if it listens.
     pub(super) listens: Option<u32>,
-    /// Number of its last pause between requests; timers of earlier ones are void.
+    /// Number of the last pause between requests; timers of earlier pauses are ignored.
     pub(super) round: u32,
-    /// Pauses since it last had work.
+    /// Number of pauses since the worker last had work.
     pub(super) pauses: u32,
 }
 
@@ -121,13 +121,13 @@ impl Worker {
 #[derive(Default)]
 pub(super) struct Coordinator {
     pub(super) is_listing: bool,
-    /// By scene: the queue had no message of it when it was listed.
+    /// By scene: true if the last listing of the queue had no message of it.
     pub(super) is_absent: Vec<bool>,
     /// Missing tasks that are not published yet.
     pub(super) backlog: VecDeque<Task>,
     pub(super) is_publishing: bool,
     pub(super) reconciled_us: u64,
-    /// All scenes before it were done at the last listing.
+    /// The first scene that was not done at the last listing.
     pub(super) first_missing: u32,
     pub(super) is_finished: bool,
 }
@@ -140,13 +140,13 @@ pub(super) struct Sim<'a> {
     drawn: u64,
     pub(super) workers: Vec<Worker>,
     pub(super) queue: Queue,
-    /// How often the stream was made anew.
+    /// Number of the stream, which increases with every wipe.
     pub(super) stream: u32,
     pub(super) stream_is_there: bool,
     pub(super) away_until_us: u64,
     /// Pulls that wait at the server: worker, number of the pull.
     pub(super) waiting_pulls: VecDeque<(WorkerId, u32)>,
-    /// Workers that have something to donate.
+    /// Workers that accept requests for donations.
     pub(super) listeners: Vec<WorkerId>,
     pub(super) store: Store,
     pub(super) coordinator: Coordinator,
@@ -188,17 +188,17 @@ impl<'a> Sim<'a> {
         self.after(delay_us, Event::AtWorker(worker, event));
     }
 
-    /// A request of a worker, which arrives one way later.
+    /// Sends a request from a worker to the server, with the delay of one way.
     pub(super) fn send(&mut self, event: ServerEvent) {
         self.after(self.way_us(), Event::AtServer(event));
     }
 
-    /// An answer of the server, which arrives one way later.
+    /// Sends an answer from the server to a worker, with the delay of one way.
     pub(super) fn reply(&mut self, worker: WorkerId, event: WorkerEvent) {
         self.at_worker_after(self.way_us(), worker, event);
     }
 
-    /// One way between a worker and the server.
+    /// Returns the delay from a worker to the server, µs.
     pub(super) fn way_us(&self) -> u64 {
         us(self.case.fleet.round_trip_s / 2.0)
     }
@@ -207,7 +207,7 @@ impl<'a> Sim<'a> {
         us(self.case.rules.lease_s / 3.0).max(1)
     }
 
-    /// A random whole number below `limit`, which is above 0.
+    /// Returns a random integer below `limit`, which must be positive.
     pub(super) fn draw_below(&mut self, limit: u64) -> u64 {
         self.drawn += 1;
         mix(self.case.work.seed ^ mix(self.drawn)) % limit

@@ -2,9 +2,9 @@
 
 pub(super) struct Store {
     shards: u32,
-    /// Whether the store has the partial, by scene and shard.
+    /// True if the store has the partial, by scene and shard.
     stored: Vec<bool>,
-    /// Whether any worker has traced the shard, by scene and shard.
+    /// True if any worker has traced the shard, by scene and shard.
     traced: Vec<bool>,
     tuples: Vec<bool>,
 }
@@ -46,7 +46,7 @@ impl Store {
         self.tuples[scene as usize..].iter().filter(|&&there| there).count()
     }
 
-    /// The first scene without a tuple, from `scene` on; the number of scenes if all of these have one.
+    /// Returns the first scene without a tuple, from `scene` on, or the number of scenes if all of these have one.
     pub(super) fn first_missing(&self, scene: u32) -> u32 {
         let done = self.tuples[scene as usize..].iter().take_while(|&&there| there);
         scene + done.count() as u32

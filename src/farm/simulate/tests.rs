@@ -1,4 +1,4 @@
-//! The simulator against cases solved on paper, and the farm's rules against their aims.
+//! Checks the simulator against cases solved on paper, and the farm's rules against their aims.
 
 use super::{Case, Fault, Fleet, Outcome, Rules, Work, lower_bound_s, simulate, some_workers};
 
@@ -27,7 +27,7 @@ fn prototype_faults() -> Vec<Fault> {
 
 /// The prototype measured 13.52 s and 16.81 s with costs in whole milliseconds.
 #[test]
-fn the_bound_is_that_of_the_prototype() {
+fn the_bound_equals_that_of_the_prototype() {
     let bound = |faults| lower_bound_s(&prototype(faults)).unwrap();
     assert!((bound(vec![]) - 13.52).abs() < 0.08);
     assert!((bound(prototype_faults()) - 16.81).abs() < 0.08);
@@ -37,9 +37,9 @@ fn the_bound_is_that_of_the_prototype() {
     assert!((bound(stopped) - bound(vec![]) - 5.0).abs() < 1e-9);
 }
 
-/// One worker, nothing to share: the bound, and half a second until the coordinator has listed and published.
+/// A single worker takes the bound, plus at most half a second until the coordinator has listed and published.
 #[test]
-fn one_worker_needs_the_sum() {
+fn one_worker_takes_the_sum_of_all_costs() {
     let mut case = prototype(vec![]);
     case.fleet.workers = 1;
     let outcome = run(&case);
@@ -83,9 +83,9 @@ fn everything_gets_done_under_all_faults() {
     }
 }
 
-/// A stopped worker goes on with tasks that went to others: their shards are traced twice.
+/// A stopped worker resumes tasks that others have leased meanwhile, so their shards are traced twice.
 #[test]
-fn an_expired_lease_costs_time_alone() {
+fn an_expired_lease_costs_only_time() {
     let mut case = hundred_workers(1);
     assert_eq!(run(&case).leases_ended, 0);
     case.faults = (0..30).map(|worker| Fault::Stop { worker, at_s: 2.0, for_s: 6.0 }).collect();
@@ -94,7 +94,7 @@ fn an_expired_lease_costs_time_alone() {
     assert!(outcome.shards_traced_again > 0, "{outcome:?}");
 }
 
-/// The queue is listed before the store.
+/// The coordinator lists the queue before the store.
 #[test]
 fn scenes_finished_between_the_two_listings_are_not_published_again() {
     let mut case = hundred_workers(2);

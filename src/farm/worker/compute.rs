@@ -1,4 +1,4 @@
-//! The work of a compute thread: it loads a scene, traces its bands, merges its shards and encodes its files.
+//! The work of a compute thread: loads a scene, traces its bands, merges its shards and encodes its files.
 
 use super::core::panic_reason;
 use super::jobs::{ActiveTask, Band, FinishedScene, Job, Loaded, Objects, Order};
@@ -27,7 +27,7 @@ impl<'a> ComputeThread<'_, 'a> {
         let Loaded { line, task, leased, files } = loaded;
         let now = worker.now();
         if !worker.tasks().load(task, now) {
-            // It was donated meanwhile.
+            // The task was donated meanwhile.
             return;
         }
         let start = Stopwatch::start();
@@ -118,7 +118,7 @@ impl<'a> ComputeThread<'_, 'a> {
     }
 
     fn seal(&self, task: &Arc<ActiveTask<'a>>, shard: u32) -> Result<(), FarmError> {
-        // The scene may be merged meanwhile.
+        // A scene that was merged meanwhile has no results left.
         let Some(partial) = task.job.result(shard) else {
             return Ok(());
         };
@@ -132,7 +132,7 @@ impl<'a> ComputeThread<'_, 'a> {
         Ok(())
     }
 
-    /// Combines all shards of a scene, and makes a job of each file to encode.
+    /// Combines all shards of a scene, and queues a job for each file to encode.
     fn merge(&self, task: &Arc<ActiveTask<'a>>) -> Result<(), FarmError> {
         let worker = self.worker;
         let start = Stopwatch::start();
@@ -153,7 +153,7 @@ impl<'a> ComputeThread<'_, 'a> {
 
     fn encode(&self, scene: &FinishedScene<'a>, file: usize) -> Result<(), FarmError> {
         let worker = self.worker;
-        // Nothing is written of a scene that has failed meanwhile.
+        // The scene may have failed meanwhile.
         if !worker.tasks().has(scene.task.id) {
             return Ok(());
         }

@@ -1,5 +1,5 @@
-//! Conflicts: two workers have made different bytes of the same object. The object stays, the other bytes are kept under
-//! `conflicts/`, and the scene goes into quarantine with the names of both workers.
+//! Conflicts: two workers have made different bytes for the same object. The stored object stays, `conflicts/` gets the
+//! other bytes, and the scene goes into quarantine with the names of both workers.
 
 use super::core::Worker;
 use super::jobs::ActiveTask;
@@ -13,7 +13,7 @@ use render::partial;
 use std::path::PathBuf;
 
 impl<'a> Worker<'a> {
-    /// Puts a shard's partial. False after a conflict.
+    /// Puts a shard's partial. Returns false after a conflict.
     pub(super) fn put_partial(
         &self,
         task: &ActiveTask<'a>,
@@ -39,7 +39,7 @@ impl<'a> Worker<'a> {
         Ok(false)
     }
 
-    /// The object is no partial of this scene, and must be replaced.
+    /// True if the stored object is not a valid partial of this scene, and must be replaced.
     fn is_damaged(&self, task: &ActiveTask<'a>, shard: u32, key: &str) -> Result<bool, FarmError> {
         let Some(there) = self.store.get(key)? else {
             return Ok(false);
@@ -50,7 +50,7 @@ impl<'a> Worker<'a> {
         Ok(!found.is_ok_and(|found| task.job.accepts(&expected, &found)))
     }
 
-    /// Puts a scene's tuple. False after a conflict.
+    /// Puts a scene's tuple. Returns false after a conflict.
     pub(super) fn put_tuple(
         &self,
         task: &ActiveTask<'a>,
@@ -78,7 +78,7 @@ impl<'a> Worker<'a> {
         shard: Option<u32>,
         own: &[(String, Bytes)],
     ) -> Result<(), FarmError> {
-        // This machine may have gone wrong since its first check.
+        // This machine may have become faulty since its first check.
         check_golden(self.run, self.options)?;
         let (scene, me) = (&task.job.line.id, &self.options.who.worker);
         let key = &own[0].0;
@@ -87,16 +87,16 @@ impl<'a> Worker<'a> {
         }
         let others = other_workers(self.store, scene, shard, me)?;
         let others = if others.is_empty() {
-            "another worker, of which no record is left,".to_owned()
+            "another worker, which left no record,".to_owned()
         } else {
             let names: Vec<String> = others.into_iter().collect();
             format!("worker {}", names.join(" or "))
         };
         let reason = format!(
-            "two workers made different bytes of {key}: {others} put those that are there (BLAKE3 {there}), worker {me} made \
-             others (BLAKE3 {here}, kept as {}); one of the machines computes wrong bits, or the object was damaged. \
-             `glasshouse audit RUN --scene {scene}` on a third machine tells whose are right; take the other out, then \
-             `glasshouse retry RUN {scene} --anew` traces the scene from nothing",
+            "two workers made different bytes of {key}: {others} put the stored ones (BLAKE3 {there}), worker {me} \
+             made others (BLAKE3 {here}, kept as {}); one of the machines computes wrong bits, or the object was \
+             damaged. `glasshouse audit RUN --scene {scene}` on a third machine shows which are right; remove the \
+             faulty machine, then `glasshouse retry RUN {scene} --anew` traces the scene again",
             keys::conflict(me, key),
         );
         self.fail(task.id, &reason)?;

@@ -1,4 +1,4 @@
-//! The thread that watches whether the run is paused or cancelled.
+//! Watches whether the run is paused or cancelled.
 
 use super::core::Worker;
 use crate::run::{Control, ControlPoll, ControlState, Event, keys};
@@ -6,7 +6,7 @@ use crossbeam::channel::{Receiver, RecvTimeoutError};
 
 impl Worker<'_> {
     pub(super) fn poll_control(&self, poll: &mut ControlPoll) {
-        // A child process obeys its parent.
+        // The parent of a child process watches the run.
         if self.shared_queue.is_some_and(|shared| shared.is_child) {
             return;
         }

@@ -1,4 +1,4 @@
-//! The state that a worker's threads share: the machine behind its one lock; and how they do the machine's actions.
+//! The state that a worker's threads share, with the machine behind its lock, and the execution of its actions.
 
 use super::costs::Costs;
 use super::jobs::{ActiveTask, Job};
@@ -21,20 +21,20 @@ pub(super) struct Worker<'a> {
     pub(super) run: &'a Run,
     pub(super) store: &'a Store,
     pub(super) queue: &'a dyn Queue,
-    /// Set if other workers take part in the run.
+    /// The shared queue, if other workers take part in the run.
     pub(super) shared_queue: Option<&'a SharedQueue<'a>>,
     pub(super) options: &'a WorkOptions<'a>,
     pub(super) on_event: &'a (dyn Fn(Event) + Sync),
     pub(super) start: Instant,
     pub(super) tasks: Mutex<Tasks<Arc<ActiveTask<'a>>>>,
-    /// For the compute threads, before all else: results must soon be in the store, and their memory free.
+    /// Jobs for the compute threads, which do them before all else, to store results and to free their memory.
     pub(super) jobs: Injector<Job<'a>>,
     pub(super) stop: StopSigns,
     pub(super) tally: Tally,
 }
 
 impl<'a> Worker<'a> {
-    /// Held for one event or one question. No other lock is taken under this one, and no thread waits under it.
+    /// Locks the machine for one event or one query. A thread with this lock takes no other lock and does not wait.
     pub(super) fn tasks(&self) -> MutexGuard<'_, Tasks<Arc<ActiveTask<'a>>>> {
         self.tasks.lock().expect("no holder of this lock panics")
     }
@@ -51,7 +51,7 @@ impl<'a> Worker<'a> {
         stops
     }
 
-    /// Sleeps, but not beyond a stop.
+    /// Sleeps until `time` has passed or the worker must stop.
     pub(super) fn pause(&self, time: Duration) {
         let start = Instant::now();
         while start.elapsed() < time && !self.must_stop() {
@@ -73,7 +73,7 @@ impl<'a> Worker<'a> {
         self.tasks().progress(task, now);
     }
 
-    /// Does a part of a task's work. A panic fails its scene, not the farm.
+    /// Does a part of a task's work. A panic fails the task's scene, not the farm.
     pub(super) fn step(&self, task: &ActiveTask, work: impl FnOnce() -> Result<(), FarmError>) {
         self.progress(task.id);
         let done = match catch_unwind(AssertUnwindSafe(work)) {
@@ -95,13 +95,13 @@ impl<'a> Worker<'a> {
         self.perform(actions)
     }
 
-    /// Does the machine's actions, in order.
+    /// Performs the machine's actions in order.
     pub(super) fn perform(&self, actions: Vec<Action>) -> Result<(), FarmError> {
         self.perform_in(self.store, actions).map(|_| ())
     }
 
-    /// The same, with this handle of the run's store. Returns the number of messages published. A publish that fails ends it
-    /// without an error: leases that are not finished end by themselves.
+    /// Performs actions on this handle of the run's store. Returns the number of published messages. A failed
+    /// publication ends the call without an error, because unfinished leases expire by themselves.
     pub(super) fn perform_in(&self, store: &Store, actions: Vec<Action>) -> Result<u64, FarmError> {
         let mut published = 0;
         for action in actions {
@@ -127,7 +127,7 @@ impl<'a> Worker<'a> {
                 Action::ForgetAttempt { task, n } => {
                     let shards = [task.shards.start, task.shards.end];
                     let key = keys::attempt(&self.line(task.scene).id, shards, n);
-                    // A record that stays counts only if the task's next worker is lost, too.
+                    // A remaining record counts only if the task's next worker is lost, too.
                     let _ = store.delete(&[key]);
                 }
                 Action::Replace { lease, messages } => {
@@ -152,7 +152,7 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// The task's own shards are in the store. The worker that finds all of the scene's shards there completes it.
+    /// Completes a scene if the store has all of its shards, and otherwise ends the task, which has stored its own.
     fn check_scene(&self, task: TaskId) -> Result<(), FarmError> {
         let Some(active) = self.tasks().payload(task).cloned() else {
             return Ok(());
@@ -171,7 +171,7 @@ impl<'a> Worker<'a> {
         self.perform(actions)
     }
 
-    /// Ends the task if another worker has made the scene's tuple, as happens after this one slept. True if so.
+    /// Ends the task and returns true if another worker has made the scene's tuple, for example while this one slept.
     pub(super) fn is_done_elsewhere(&self, task: &ActiveTask<'a>) -> Result<bool, FarmError> {
         if self.shared_queue.is_none() || !is_done(self.store, task.job.line)? {
             return Ok(false);
@@ -192,7 +192,7 @@ impl<'a> Worker<'a> {
         });
     }
 
-    /// Counts a failure that may be this machine's fault. After too many in a row the worker leaves.
+    /// Counts a failure that may be this machine's fault. After too many in a row, the worker drains.
     pub(super) fn went_wrong(&self, line: &SceneLine) {
         let failed = self.stop.went_wrong(&line.id);
         if let Some(scenes) = failed.filter(|_| self.shared_queue.is_some() && self.stop.drain()) {

@@ -1,4 +1,4 @@
-//! The values that a worker's threads hand each other.
+//! The values that a worker's threads pass to each other.
 
 use super::tasks::TaskId;
 use crate::farm::FarmError;
@@ -11,7 +11,7 @@ use render::merge::{Tuple, encode_tuple_file, tuple_files};
 use render::scene::{LoadError, SceneFiles};
 use std::sync::{Arc, Mutex};
 
-/// A task and its scene's files, from the prefetch thread to a compute thread.
+/// A task and its scene's files, passed from the prefetch thread to a compute thread.
 pub(super) struct Loaded<'a> {
     pub(super) line: &'a SceneLine,
     pub(super) task: TaskId,
@@ -19,7 +19,7 @@ pub(super) struct Loaded<'a> {
     pub(super) files: Result<SceneFiles, LoadError>,
 }
 
-/// A task whose scene is loaded.
+/// A task with a loaded scene.
 pub(super) struct ActiveTask<'a> {
     pub(super) id: TaskId,
     pub(super) leased: Task,
@@ -53,7 +53,7 @@ pub(super) struct Band<'a> {
     pub(super) index: u32,
 }
 
-/// Encoded objects, from a compute thread to the writer.
+/// Encoded objects, passed from a compute thread to the writer.
 pub(super) struct Order<'a> {
     pub(super) task: Arc<ActiveTask<'a>>,
     pub(super) objects: Objects,
@@ -65,14 +65,14 @@ pub(super) enum Objects {
 }
 
 pub(super) struct EncodedTuple {
-    /// Names and bytes, in the order in which they are written.
+    /// Names and bytes, in the order of writing.
     pub(super) files: Vec<(String, Vec<u8>)>,
     pub(super) noise: Option<Vec<u8>>,
     /// The largest share, among the layers, of paths that ended beyond a photograph's border.
     pub(super) miss_share: f64,
 }
 
-/// A scene whose shards are all there. Any compute threads encode its files, one by one.
+/// A scene with all shards in memory. Any compute thread encodes one of its files at a time.
 pub(super) struct FinishedScene<'a> {
     pub(super) task: Arc<ActiveTask<'a>>,
     tuple: Tuple,
@@ -87,12 +87,12 @@ impl<'a> FinishedScene<'a> {
         Self { task, encoded: Mutex::new(vec![None; count]), names, tuple }
     }
 
-    /// The number of files: the tuple's, and its noise map.
+    /// Returns the number of files: the tuple's files, and the noise map if the tuple has one.
     pub(super) fn len(&self) -> usize {
         self.names.len() + usize::from(!self.tuple.noise.is_empty())
     }
 
-    /// Encodes a file; returns all of them after the last one.
+    /// Encodes a file. Returns all files after the last one.
     pub(super) fn encode(
         &self,
         file: usize,

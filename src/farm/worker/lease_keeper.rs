@@ -1,5 +1,5 @@
-//! The lease keeper's thread: it renews leases while there is progress, donates work to workers that request it, and
-//! requests work when there is nothing left.
+//! The lease keeper's thread: renews leases while the worker makes progress, donates shards to workers that request
+//! them, and requests shards when the worker has none.
 
 use super::core::Worker;
 use super::options::SharedQueue;
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 /// The shortest and the longest pause between two requests for work, chosen by simulation.
 const REQUEST: [Duration; 2] = [Duration::from_millis(20), Duration::from_secs(10)];
-/// One poll for requests waits this long.
+/// Longest wait of one poll for requests.
 const WAIT: Duration = Duration::from_millis(20);
 
 pub(super) struct LeaseKeeper<'s, 'a> {
@@ -20,7 +20,7 @@ pub(super) struct LeaseKeeper<'s, 'a> {
 }
 
 impl LeaseKeeper<'_, '_> {
-    /// Ends after the compute threads.
+    /// Runs until the compute threads have ended.
     pub(super) fn run(&self) {
         let (worker, queue) = (self.worker, self.shared.queue);
         let every = self.shared.lease / 3;
@@ -40,7 +40,7 @@ impl LeaseKeeper<'_, '_> {
                 && !worker.stop.control.is_paused()
                 && requested.elapsed() > pause
             {
-                // A donation goes through the queue, where this worker waits.
+                // A donated task arrives through the queue, where the prefetch thread waits for it.
                 queue.request(worker.costs().known_load_s());
                 requested = Instant::now();
                 pause = (pause * 2).min(REQUEST[1]);
@@ -59,7 +59,7 @@ impl LeaseKeeper<'_, '_> {
         !self.worker.must_stop() && !self.worker.tasks().offers(costs, None).is_empty()
     }
 
-    /// Publishes first, and gives up the shards after that.
+    /// Publishes shards for an idle worker, and gives them up afterwards. Returns the number of tasks.
     fn donate(&self, load_s: Option<f64>) -> u32 {
         let worker = self.worker;
         if worker.must_stop() {
@@ -69,7 +69,7 @@ impl LeaseKeeper<'_, '_> {
         let mut count = 0;
         for offer in offers {
             let (task, shards) = (offer.task, offer.shards());
-            // The queue is away: the rest stays here, and earlier donations stand.
+            // The queue cannot be reached: this worker keeps the rest, and earlier donations remain valid.
             if self.shared.queue.publish(&[offer.message]).is_err() {
                 break;
             }
@@ -81,7 +81,7 @@ impl LeaseKeeper<'_, '_> {
         count
     }
 
-    /// Renews all leases, unless this worker hangs.
+    /// Renews all leases. A worker that hangs requeues its unopened tasks instead.
     fn renew(&self) {
         let (worker, queue) = (self.worker, self.shared.queue);
         let hang = worker.options.hang;
@@ -98,7 +98,7 @@ impl LeaseKeeper<'_, '_> {
         let actions = worker.tasks().requeue_waiting();
         let _ = worker.perform_in(&hurried, actions);
         (self.shared.on_hung)(&format!(
-            "scene {} made no progress for {} s: this worker hangs and leaves it to others; see --hang-s",
+            "scene {} made no progress for {} s: this worker hangs and leaves the scene to others; see --hang-s",
             worker.line(hung.scene).id,
             hang.as_secs_f64()
         ));

@@ -1,4 +1,4 @@
-//! A worker of the farm: it leases tasks, shards in a row of one scene, from a queue until nothing is left.
+//! A worker of the farm: it leases tasks, consecutive shards of a scene, from a queue until the run is over.
 //!
 //! ```text
 //!            queue --- lease keeper (renews, donates, requests)
@@ -8,11 +8,11 @@
 //!              +-- files -> compute threads (pool) -- orders -+
 //! ```
 //!
-//! The state of each task, and all transitions, are in [`tasks`] alone. Threads report events to it and do its actions
-//! ([`core`]). Three threads wait so that no other has to: one leases tasks and reads their scenes' files, one writes encoded
-//! results, and among other workers one keeps the leases. The others only compute. At most one scene per compute thread is in
-//! memory, scene N + 1 is read while N is traced, and all threads share the last shards. At most 2 N + 1 encoded results, each
-//! a partial or a tuple, wait for the store: one per thread in the channel, one with each thread and one with the writer.
+//! The state machine in [`tasks`] alone holds the states of tasks and their transitions. Threads report events to it
+//! and perform its actions ([`core`]). Compute threads rarely wait: the prefetch thread leases tasks and reads files,
+//! the writer stores results, and the lease keeper serves a shared queue. At most one scene per compute thread is in
+//! memory, the next one is read meanwhile, and all threads share the last shards. At most 2 N + 1 encoded results of N
+//! compute threads wait for the store: N in the channel, one per thread and one with the writer.
 
 mod compute;
 mod conflict;

@@ -10,29 +10,29 @@ use std::time::{Duration, Instant};
 
 #[derive(Clone)]
 pub struct WorkOptions<'a> {
-    /// Compute threads. One more reads files and one writes them.
+    /// Number of compute threads. One more thread reads files and another writes results.
     pub threads: usize,
     pub isa: Isa,
-    /// Set from outside to stop after the shards in flight.
+    /// True once the caller wants the worker to stop after the shards in flight.
     pub stop: &'a AtomicBool,
     pub deadline: Option<Instant>,
     /// This worker's name in attempts and receipts.
     pub who: WorkerName,
-    /// A task without any progress for this time counts as hung.
+    /// Time without progress after which a task counts as hung.
     pub hang: Duration,
-    /// Partials of a scene that this worker has as a whole stay in memory for this time, until its last shard is traced.
+    /// Longest time that partials of a scene stay in memory only, unless other workers share the scene.
     pub checkpoint: Duration,
-    /// Traces tasks that may be dangerous in another process; without it they are traced in this one.
+    /// Traces tasks that may kill their process in a child process. Without a sandbox, this process traces them.
     pub sandbox: Option<&'a dyn Sandbox>,
     pub faults: &'a [Fault],
 }
 
-/// A partial of 9 MB costs some 0.04 s of a core; a worker that is killed once an hour loses half of this time each time.
-/// The best is the root of twice the one times the other (Young, Communications of the ACM 17, 1974), 17 s.
+/// A partial of 9 MB costs 0.04 s of a core, and a worker that is killed once an hour loses half of this time each
+/// time. The optimum is sqrt(2 * 0.04 s * 3600 s) = 17 s (Young, Communications of the ACM 17, 1974).
 const CHECKPOINT: Duration = Duration::from_secs(20);
 
 impl<'a> WorkOptions<'a> {
-    /// Without a deadline, in one process.
+    /// Returns options without a deadline, for a worker in a single process.
     pub fn new(threads: usize, isa: Isa, stop: &'a AtomicBool) -> Self {
         Self {
             threads,
@@ -48,23 +48,23 @@ impl<'a> WorkOptions<'a> {
     }
 }
 
-/// A queue from which other workers lease, too.
+/// A queue from which other workers also lease.
 pub struct SharedQueue<'a> {
     pub queue: &'a dyn Queue,
-    /// A lease that is not renewed for this time goes to another worker.
+    /// Time after which an unrenewed lease goes to another worker.
     pub lease: Duration,
-    /// Called when a task is hung. It must end the process: the thread cannot be stopped.
+    /// Called when a task hangs. It must end the process, because a thread cannot be stopped.
     pub on_hung: &'a (dyn Fn(&str) + Sync),
-    /// Called before leases are renewed, three times a lease.
+    /// Called before each renewal of the leases, three times per lease.
     pub on_sign: &'a (dyn Fn() + Sync),
-    /// This process is a worker's sandbox: the worker records attempts, and has checked the golden shard.
+    /// True if this process is a worker's sandbox. The worker records attempts, and has checked the golden shard.
     pub is_child: bool,
 }
 
-/// Traces tasks in a child process, since they may kill it.
+/// Traces tasks in a child process, because they may kill it.
 pub trait Sandbox: Sync {
-    /// Traces shards of a scene and writes their results to the run's store. `on_sign` is called while there is progress;
-    /// when `must_stop` returns true the process is ended.
+    /// Traces shards of a scene and writes their results to the run's store. Calls `on_sign` while the child makes
+    /// progress, and ends the child when `must_stop` returns true.
     fn trace(
         &self,
         scene: &SceneId,
@@ -76,36 +76,36 @@ pub trait Sandbox: Sync {
 
 #[derive(Clone, Debug)]
 pub enum SandboxEnd {
-    /// All of the task is durable, or its scene is in quarantine.
+    /// The task's results are durable, or its scene is in quarantine.
     Done {
-        /// Tuples written: one or none.
+        /// Number of tuples written: 0 or 1.
         merged: u64,
         traced: u64,
         resumed: u64,
-        /// Scenes loaded: one or none.
+        /// Number of scenes loaded: 0 or 1.
         loaded: u64,
         quarantined: Option<String>,
     },
     Stopped,
-    /// It died, or made no progress.
+    /// The child died, or made no progress.
     Lost(Ending),
-    /// It could not work, through no fault of the scene.
+    /// The child could not work, through no fault of the scene.
     Failed(String),
 }
 
 #[derive(Debug)]
 pub struct Outcome {
     pub merged: u64,
-    /// Tuples that were there before.
+    /// Number of tuples that existed before.
     pub already_merged: u64,
     pub traced: u64,
-    /// Shards whose partials were found.
+    /// Number of shards with a partial in the store.
     pub resumed: u64,
-    /// Scenes loaded; one that several workers share is loaded by each.
+    /// Number of loads. Each of several workers that share a scene loads it.
     pub loaded: u64,
-    /// Tasks donated to other workers, while working or at the end.
+    /// Number of tasks donated to other workers, or requeued at the end.
     pub donated: u64,
-    /// Scenes in quarantine with their reasons, earlier ones included.
+    /// Scenes in quarantine with their reasons, including earlier ones.
     pub quarantined: Vec<(SceneId, String)>,
     pub stopped: Option<Stop>,
     pub seconds: StageSeconds,

@@ -1,4 +1,4 @@
-//! Fetching a scene's partials from the store.
+//! Fetches a scene's partials from the store.
 
 use super::jobs::ActiveTask;
 use super::pool::ComputeThread;
@@ -8,16 +8,16 @@ use render::partial::{self, Partial};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// Partials fetched from the store in one go.
+/// Number of partials fetched in one call.
 const FETCHED_AT_ONCE: usize = 32;
 
 impl<'a> ComputeThread<'_, 'a> {
-    /// Fetches all partials of the scene that the store has; returns their shards.
+    /// Fetches all partials of the scene from the store. Returns their shards.
     pub(super) fn fetch_found(&self, task: &ActiveTask<'a>) -> Result<Vec<u32>, FarmError> {
         let (worker, job) = (self.worker, &task.job);
         let mut found = Vec::new();
         if job.layout.len() == 1 {
-            // The only shard of a scene has no partial.
+            // A scene with a single shard has no partials.
             return Ok(found);
         }
         let mut there: Vec<String> = worker.store.list(&keys::partials(&job.line.id))?;
@@ -31,14 +31,14 @@ impl<'a> ComputeThread<'_, 'a> {
         Ok(found)
     }
 
-    /// Fetches the shards that other workers have traced. A damaged one is traced again.
+    /// Fetches the partials of other workers. Missing and damaged shards are traced again.
     pub(super) fn gather(&self, task: &ActiveTask<'a>) -> Result<(), FarmError> {
         let (worker, job) = (self.worker, &task.job);
         let mut missing: BTreeSet<u32> = (0..job.layout.len()).collect();
         missing.retain(|&shard| job.result(shard).is_none());
         let key = |&shard: &u32| keys::partial(&job.line.id, shard);
         let wanted: Vec<String> = missing.iter().map(key).collect();
-        // A partial may be gone: another worker has merged the scene meanwhile.
+        // A partial is absent if another worker has merged the scene meanwhile.
         self.fetch(task, &wanted, |partial| {
             missing.remove(&partial.header.shard);
             job.add(partial);
@@ -48,7 +48,7 @@ impl<'a> ComputeThread<'_, 'a> {
         worker.perform(actions)
     }
 
-    /// Fetches partials, some at a time. Absent ones and those of other inputs are left out.
+    /// Fetches partials in batches and passes the valid ones to `take`.
     fn fetch(
         &self,
         task: &ActiveTask<'a>,
@@ -65,13 +65,13 @@ impl<'a> ComputeThread<'_, 'a> {
                     take(partial);
                 }
             }
-            // A worker with a slow store does not hang.
+            // A slow store does not count as a hang.
             worker.progress(task.id);
         }
         Ok(())
     }
 
-    /// Decodes a partial; one that is not of this scene is removed, and its shard traced again.
+    /// Decodes a partial. Deletes an invalid one, so that its shard is traced again.
     fn read(
         &self,
         task: &ActiveTask<'a>,

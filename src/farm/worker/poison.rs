@@ -1,5 +1,5 @@
-//! The poison check of a leased task: whether it is still to do, whether a process was lost with it, and the outcome of
-//! reading its files.
+//! The poison check of a leased task: decides whether the task still needs work and whether an earlier process was lost
+//! with it, and handles files that cannot be read.
 
 use super::core::Worker;
 use super::tasks::TaskId;
@@ -13,19 +13,19 @@ use render::line::SceneLine;
 use std::time::Duration;
 
 pub(super) enum Finding {
-    /// Its scene is done or set aside, or another worker has it now.
+    /// The scene is done or set aside, or another worker has the task now.
     Over,
-    /// It can be traced here. A child process records no attempt: its parent does.
+    /// The task can be traced here. The record is absent in a child process, because the parent has it.
     Fresh(Option<AttemptRecord>),
-    /// Its scene may have killed a process.
+    /// The scene may have killed a process.
     Suspect(AttemptRecord),
 }
 
-/// A machine waits this long, times its earlier attempts, before it reads files again that it could not read.
+/// Pause per earlier failed attempt before a machine reads the same files again.
 const READ_AGAIN: Duration = Duration::from_secs(1);
 
 impl Worker<'_> {
-    /// Checks a leased task, and records the attempt unless it is over.
+    /// Checks a leased task, and records the attempt unless nothing is left to do.
     pub(super) fn examine(
         &self,
         line: &SceneLine,
@@ -82,7 +82,7 @@ impl Worker<'_> {
         Ok(shards.filter(|shard| own.contains(shard)).count() as u32)
     }
 
-    /// Requeues a task whose files this machine cannot read, unless too many attempts failed so.
+    /// Requeues a task if this machine cannot read its files. After too many such attempts, sets the scene aside.
     pub(super) fn could_not_read(
         &self,
         line: &SceneLine,
@@ -91,7 +91,7 @@ impl Worker<'_> {
         reason: &str,
     ) -> Result<(), FarmError> {
         if !self.tasks().pin(task) {
-            // It was donated meanwhile.
+            // The task was donated meanwhile.
             return Ok(());
         }
         if let Some(record) = record {

@@ -8,7 +8,7 @@ use crossbeam::deque::{Steal, Stealer, Worker as Deque};
 use render::color::SrgbEncoder;
 use std::time::Duration;
 
-/// Shared by all compute threads.
+/// The state that all compute threads share.
 pub(super) struct Pool<'a> {
     pub(super) files: Receiver<Loaded<'a>>,
     pub(super) stealers: Vec<Stealer<Band<'a>>>,

@@ -15,23 +15,23 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// One call waits this long for a task; a stop is noticed in between.
+/// Longest wait of one call for a task, after which the thread checks for a stop.
 const WAIT: Duration = Duration::from_millis(500);
-/// Between two checks whether another task is needed.
+/// Pause between two checks whether another task is needed.
 const PAUSE: Duration = Duration::from_millis(5);
-/// Between two calls that do not wait, and between two checks whether a pause is over.
+/// Pause between two calls that do not wait, and between two checks whether a pause of the run is over.
 const AGAIN: Duration = Duration::from_millis(50);
-/// Between two checks whether the run is over, when there is nothing to do.
+/// Time between two checks whether the run is over, when the worker has nothing to do.
 const CHECK_OVER: Duration = Duration::from_secs(1);
-/// Between two reports that the queue is away.
+/// Time between two reports that the queue cannot be reached.
 const COMPLAIN: Duration = Duration::from_secs(30);
 
 /// State that the prefetch thread and the lease keeper share.
 #[derive(Default)]
 pub(super) struct Appetite {
-    /// There is nothing to do here, and nothing in the queue.
+    /// True if neither the worker nor the queue has a task.
     pub(super) hungry: AtomicBool,
-    /// Mean time in which other workers load a scene; 0 if it is not known.
+    /// Mean time that other workers take to load a scene, µs; 0 if unknown.
     others_load_us: AtomicU64,
 }
 
@@ -40,12 +40,12 @@ impl Appetite {
         self.hungry.store(hungry, Ordering::Release);
     }
 
-    /// Another worker loads a scene in this time.
+    /// Records another worker's time to load a scene.
     pub(super) fn hear_of(&self, load_s: Option<f64>) {
         let Some(load_s) = load_s else { return };
         let known = self.others_load_us.load(Ordering::Relaxed);
         let heard = (load_s * 1e6) as u64;
-        // Scenes and workers differ: a mean in which the latest counts most.
+        // Scenes and workers differ, so this is a mean in which the latest value counts most.
         let mean = if known == 0 { heard } else { u64::midpoint(known, heard) };
         self.others_load_us.store(mean.max(1), Ordering::Relaxed);
     }
@@ -112,16 +112,16 @@ impl<'a> Prefetcher<'_, 'a> {
         }
     }
 
-    /// Number of tasks to have read before they are needed: few, for other workers need them, too.
+    /// Returns the number of tasks to prefetch. It is small, because other workers need tasks, too.
     fn ahead(&self) -> usize {
         self.worker.options.threads.div_ceil(4)
     }
 
-    /// How long to wait at the queue for a task.
+    /// Returns the time to wait at the queue for a task.
     ///
-    /// A busy worker must not wait there, or it takes work donated for an idle one. Slow workers poll, too: a donation to
-    /// them would finish last. All other idle workers wait there, and request work besides; at first for short times, until
-    /// they know how fast others are.
+    /// A busy worker must not wait there, or it takes a task that was donated for an idle worker. Slow workers poll,
+    /// too, because a donation to them would finish last. All other idle workers wait and also request work; they wait
+    /// only briefly at first, until they know the speed of others.
     fn wait(&self, idle: bool, hungry_since: Option<Instant>) -> Duration {
         match hungry_since {
             _ if self.worker.shared_queue.is_none() => WAIT,
@@ -130,13 +130,13 @@ impl<'a> Prefetcher<'_, 'a> {
         }
     }
 
-    /// This worker is slower than others, as far as is known.
+    /// True if this worker is known to be slower than others.
     fn is_slower(&self) -> bool {
         let others_load_s = self.appetite.others_load_s();
         others_load_s.is_some() && self.worker.costs().slowness(others_load_s) < 1.0
     }
 
-    /// After a poll of an empty queue. A worker that waits there polls again at once.
+    /// Pauses after a poll of an empty queue. An idle worker polls again at once if its polls wait at the queue.
     fn pause(&self, idle: bool) {
         if !idle {
             std::thread::sleep(AGAIN);
@@ -145,13 +145,13 @@ impl<'a> Prefetcher<'_, 'a> {
         }
     }
 
-    /// The coordinator has finished the run. False if the store is away.
+    /// True if the coordinator has finished the run, false if the store cannot be reached.
     fn is_run_over(&self) -> bool {
         let store = self.worker.store.with_patience(Duration::ZERO);
         matches!(store.get(keys::FINISHED), Ok(Some(_)))
     }
 
-    /// Leases the next task; none while a shared run is paused.
+    /// Leases the next task. Leases none while a shared run is paused.
     fn take(&self, wait: Duration) -> Taken {
         let worker = self.worker;
         if worker.shared_queue.is_none() || !worker.stop.control.is_paused() {
@@ -161,7 +161,7 @@ impl<'a> Prefetcher<'_, 'a> {
         Taken::Nothing
     }
 
-    /// Examines a task, reads its files and passes them on. False if work must stop.
+    /// Examines a task, reads its files and sends them to a compute thread. Returns false if the worker must stop.
     fn prepare(&self, lease: &Lease) -> bool {
         let worker = self.worker;
         let now = worker.now();
@@ -179,7 +179,7 @@ impl<'a> Prefetcher<'_, 'a> {
         }
     }
 
-    /// None if there is nothing to trace in this process.
+    /// Returns `None` if this process has nothing to trace.
     fn examine_and_read(
         &self,
         lease: &Lease,
@@ -211,7 +211,7 @@ impl<'a> Prefetcher<'_, 'a> {
         Ok(Some(Loaded { line, task, leased, files }))
     }
 
-    /// The outer error is of the store, which is no fault of the scene.
+    /// Reads a scene's files. The outer error belongs to the store and is no fault of the scene.
     fn read(&self, line: &SceneLine) -> Result<Result<SceneFiles, LoadError>, StoreError> {
         let start = Stopwatch::start();
         let run = self.worker.run;
@@ -224,7 +224,7 @@ impl<'a> Prefetcher<'_, 'a> {
         }
     }
 
-    /// Another machine may be able to read the file.
+    /// True if another machine may be able to read the file.
     fn may_be_mine(&self, error: &LoadError) -> bool {
         let shared_queue = self.worker.shared_queue;
         shared_queue.is_some_and(|shared| !shared.is_child)

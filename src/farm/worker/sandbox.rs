@@ -1,4 +1,4 @@
-//! Tasks that may kill the process that traces them are traced by a child process.
+//! Traces tasks in a child process if they may kill the process that traces them.
 
 use super::core::Worker;
 use super::options::{Sandbox, SandboxEnd};
@@ -17,7 +17,7 @@ impl Worker<'_> {
     ) -> Result<(), FarmError> {
         let now = self.now();
         if !self.tasks().sandbox(id, now) {
-            // It was donated meanwhile.
+            // The task was donated meanwhile.
             return Ok(());
         }
         (self.on_event)(Event::Sandboxed { scene: line.id.clone() });
@@ -54,7 +54,7 @@ impl Worker<'_> {
         }
     }
 
-    /// A child was lost with a task: other workers try again, unless that happened too often.
+    /// Handles a child that was lost with a task. Other workers try again, unless too many processes were lost.
     fn lost(
         &self,
         line: &SceneLine,

@@ -1,4 +1,4 @@
-//! The reasons for which a worker stops: a signal, its time limit, a cancelled run, its machine's failures, or an error.
+//! Reasons to stop a worker: a signal, its time limit, a cancelled run, failures of its machine, or an error.
 
 use crate::farm::FarmError;
 use crate::run::{ControlFlag, Stop};
@@ -8,10 +8,10 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// After this many failed scenes in a row the machine counts as faulty.
+/// Number of failed scenes in a row after which the machine counts as faulty.
 const FAILURES_IN_A_ROW: usize = 3;
 
-/// Signs that stay once they are set.
+/// Reasons to stop; flags are never cleared.
 #[derive(Default)]
 pub(super) struct StopSigns {
     timed_out: AtomicBool,
@@ -37,14 +37,14 @@ impl StopSigns {
         signs.iter().any(|sign| sign.load(Ordering::Relaxed))
     }
 
-    /// Only the first error is reported.
+    /// Stops the worker after an error. Only the first error is reported.
     pub(super) fn break_down(&self, error: FarmError) {
         self.broken.store(true, Ordering::Relaxed);
         let mut failure = self.failure.lock().expect("no holder of this lock panics");
         failure.get_or_insert(error);
     }
 
-    /// For a thread that is gone: joining it tells why.
+    /// Stops the worker after the end of another thread; joining that thread reports the reason.
     pub(super) fn break_down_silently(&self) {
         self.broken.store(true, Ordering::Relaxed);
     }
@@ -57,7 +57,7 @@ impl StopSigns {
         self.cancelled.load(Ordering::Relaxed)
     }
 
-    /// A scene, or a part of one, succeeded here.
+    /// Resets the row of failures after a scene, or a part of one, succeeded.
     pub(super) fn went_well(&self) {
         self.failing.lock().expect("no holder of this lock panics").clear();
     }
@@ -70,7 +70,7 @@ impl StopSigns {
         (failing.len() >= FAILURES_IN_A_ROW).then(scenes)
     }
 
-    /// Leaves the rest to other workers. False if that was so already.
+    /// Leaves the remaining tasks to other workers. Returns false if the worker was draining already.
     pub(super) fn drain(&self) -> bool {
         !self.drained.swap(true, Ordering::AcqRel)
     }

@@ -26,7 +26,7 @@ pub(super) struct Tally {
     pub(super) resumed: Count,
     pub(super) donated: Count,
     pub(super) loads: Count,
-    /// Loads of child processes, which cost this process nothing.
+    /// Number of loads in child processes, which cost this process no time.
     pub(super) sandboxed_loads: Count,
     pub(super) quarantined: Mutex<Vec<(SceneId, String)>>,
     pub(super) seconds: StageSeconds,
@@ -48,7 +48,7 @@ impl Tally {
         }
     }
 
-    /// The mean costs of a shard and of a load so far, or a guess.
+    /// Returns the mean costs of a shard and of a load so far, or a guess.
     pub(super) fn costs(&self, threads: usize) -> Costs {
         let seconds = self.seconds.all();
         let of = |stage: &str| {

@@ -1,4 +1,4 @@
-//! A worker: one process, some threads, until the run is over.
+//! Runs a worker's threads until the run is over.
 
 use super::core::Worker;
 use super::jobs::Band;
@@ -29,7 +29,7 @@ use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant, SystemTime};
 
-/// Does all that the run lacks, as its only worker.
+/// Makes everything that the run lacks, as its only worker.
 pub fn work(
     run: &Run,
     options: &WorkOptions,
@@ -42,12 +42,12 @@ pub fn work(
     let queue = LocalQueue::new(None);
     let scope = Scope { workers: true, ..Scope::DONE };
     let snapshot = Snapshot::take(run, &store, scope)?;
-    // No other process works on this run: the process of every recorded attempt is gone.
+    // No other process works on this run, so the process of every recorded attempt is gone.
     let lost: BTreeSet<&SceneId> = snapshot.attempts().map(|a| &a.record.scene).collect();
     let (mut shards, mut waiting, mut suspects) = (0, Vec::new(), Vec::new());
     for scene in snapshot.missing() {
         let id = &run.lines[scene].id;
-        // The scene has no tuple, and no other process writes one: the rest in its folder is of no use.
+        // The scene has no tuple and no other process writes one, so the files in its folder are useless.
         store.remove_folder(&keys::tuple_folder(id))?;
         shards += u64::from(snapshot.shards(scene));
         if lost.contains(id) {
@@ -72,7 +72,7 @@ pub fn work(
     Ok(outcome)
 }
 
-/// Works on the tasks of a shared queue until the run is over. A child process trusts its parent's check of the golden shard.
+/// Works on the tasks of a shared queue until the run is over. A child process skips the check of the golden shard.
 pub fn work_shared(
     run: &Run,
     store: &Store,
@@ -88,7 +88,7 @@ pub fn work_shared(
     work_on(run, store, shared.queue, Some(shared), options, on_event)
 }
 
-/// The message of a whole scene.
+/// Returns the message of a whole scene.
 pub(crate) fn whole(run: &Run, scene: usize) -> Message {
     let shards = 0..run.layout(&run.lines[scene]).len();
     Message { task: Task { scene: scene as u32, shards }, hops: 0 }
@@ -130,9 +130,9 @@ fn work_on<'a>(
     let began = LogTime::now();
     run_threads(&worker);
     let cancelled = worker.stop.is_cancelled();
-    // The tasks of a cancelled run are not wanted back.
+    // A cancelled run publishes no tasks.
     let actions = if cancelled { worker.tasks().cancel() } else { worker.tasks().requeue_all() };
-    // The store may just have failed: it is not waited for again. If it is away, the leases end by themselves.
+    // The store may just have failed, so its calls are not repeated. If they fail, the leases expire.
     let hurried = store.with_patience(Duration::ZERO);
     let requeued = worker.perform_in(if cancelled { store } else { &hurried }, actions);
     if shared_queue.is_some() {

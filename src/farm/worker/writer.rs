@@ -1,4 +1,4 @@
-//! The writer thread: it waits for the store, so that no compute thread has to.
+//! The writer thread, which waits for the store so that no compute thread has to.
 
 use super::core::Worker;
 use super::jobs::{ActiveTask, EncodedTuple, Objects, Order};
@@ -13,7 +13,7 @@ pub(super) struct Writer<'s, 'a> {
 }
 
 impl<'a> Writer<'_, 'a> {
-    /// Writes all orders, also after a stop. Once the farm is broken it drops them, so that no thread waits.
+    /// Writes all orders, even after a stop. After an error, drops them, so that no thread blocks.
     pub(super) fn run(&self) {
         let worker = self.worker;
         for Order { task, objects } in &self.orders {
@@ -32,7 +32,7 @@ impl<'a> Writer<'_, 'a> {
         let start = Stopwatch::start();
         let put = worker.put_partial(task, shard, &bytes.into());
         if put.is_err() && worker.is_done_elsewhere(task)? {
-            // The scene's folder of partials was removed during the put.
+            // Another worker removed the scene's folder of partials during the put.
             return Ok(());
         }
         if !put? {
@@ -46,7 +46,7 @@ impl<'a> Writer<'_, 'a> {
     fn tuple(&self, task: &ActiveTask<'a>, encoded: EncodedTuple) -> Result<(), FarmError> {
         let (worker, scene) = (self.worker, &task.job.line.id);
         let start = Stopwatch::start();
-        // Made before the tuple is there: from then on others may remove the notes from which it is made.
+        // The receipt precedes the tuple: once the tuple exists, others may remove the notes behind the receipt.
         let receipt = self.receipt(task);
         if let Some(noise) = encoded.noise {
             write_noise(worker.store, task.job.line, &noise);
@@ -55,7 +55,7 @@ impl<'a> Writer<'_, 'a> {
             return Ok(());
         }
         if let Some(receipt) = receipt {
-            // Nothing depends on it.
+            // Nothing depends on the receipt.
             let _ = receipt.put(worker.store, scene);
         }
         worker.tally.seconds.add(Stage::Write, start.spent());
@@ -68,7 +68,7 @@ impl<'a> Writer<'_, 'a> {
         done
     }
 
-    /// Among other workers, the record of the worker that makes the tuple.
+    /// Returns the record of the worker that makes the tuple, if other workers take part in the run.
     fn receipt(&self, task: &ActiveTask<'a>) -> Option<Provenance> {
         let worker = self.worker;
         worker.shared_queue?;

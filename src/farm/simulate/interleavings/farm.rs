@@ -1,4 +1,4 @@
-//! The farm around the workers: queue, store, network and coordinator; and the choice of the next step.
+//! The farm around the workers (queue, store, network and coordinator), and the choice of the next step.
 
 use super::super::case::mix;
 use super::super::queue::{Delivered, Queue, Sequence};
@@ -13,11 +13,11 @@ pub(super) const SCENES: u32 = 2;
 pub(super) const SHARDS: u32 = 5;
 const WORKERS: usize = 3;
 
-/// A packet between a worker and the queue. Numbers name publications.
+/// A packet between a worker and the queue. Its number identifies the publication.
 #[derive(Clone, Debug)]
 pub(super) enum Packet {
     Publish(u64, Message),
-    /// The queue has the message; true if it is new.
+    /// Confirms that the queue has the message; true if the message is new.
     Confirm(u64, bool),
     Acknowledge(Sequence),
 }
@@ -27,14 +27,14 @@ pub(super) enum Packet {
 pub(super) struct Store {
     pub(super) partials: BTreeMap<(u32, u32), u64>,
     pub(super) tuples: BTreeMap<u32, u64>,
-    /// By record: the worker that must remove it, if one must.
+    /// Worker that must remove the record, if any worker must.
     pub(super) attempts: BTreeMap<[u32; 4], Option<u32>>,
     /// Partials that were put at any time.
     put: BTreeSet<(u32, u32)>,
 }
 
 impl Store {
-    /// The scene's shards whose partials are there.
+    /// Returns the scene's shards with a partial in the store.
     pub(super) fn found(&self, scene: u32) -> Vec<u32> {
         self.partials.range((scene, 0)..(scene + 1, 0)).map(|(&(_, shard), _)| shard).collect()
     }
@@ -63,12 +63,11 @@ impl Store {
     }
 }
 
-/// The digest of a shard's result.
 pub(super) fn digest(scene: u32, shard: u32) -> u64 {
     mix(u64::from(scene) << 32 | u64::from(shard))
 }
 
-/// The key of an attempt's record.
+/// Returns the key of an attempt's record.
 pub(super) fn record(task: &Task, n: u32) -> [u32; 4] {
     [task.scene, task.shards.start, task.shards.end, n]
 }
@@ -83,11 +82,11 @@ pub(super) struct Farm {
     pub(super) store: Store,
     pub(super) workers: Vec<Worker>,
     pub(super) packets: Vec<Packet>,
-    /// Numbers given to publications and workers.
+    /// Last number given to a publication or a worker.
     last_number: u64,
-    /// Scenes without a message when the coordinator listed the queue.
+    /// Scenes that had no message when the coordinator listed the queue.
     absent: Vec<u32>,
-    queue_kept_its_word: bool,
+    queue_is_reliable: bool,
 }
 
 impl Farm {
@@ -104,14 +103,14 @@ impl Farm {
             packets: Vec::new(),
             last_number: 0,
             absent: Vec::new(),
-            queue_kept_its_word: true,
+            queue_is_reliable: true,
         };
         farm.workers = (0..WORKERS).map(|_| Worker::new(farm.number() as u32)).collect();
         farm.reconcile();
         farm
     }
 
-    /// A random number below `limit`.
+    /// Returns a random number below `limit`.
     pub(super) fn draw(&mut self, limit: usize) -> usize {
         self.drawn += 1;
         (mix(self.seed ^ mix(self.drawn)) % limit.max(1) as u64) as usize
@@ -132,7 +131,7 @@ impl Farm {
         self.log.take().unwrap_or_default().join("\n")
     }
 
-    /// One step, then the checks of promises 2 and 3. With every fourth seed the queue, too, may break its word.
+    /// Does one step and checks promises 2 and 3. With every fourth seed, the queue may lose or resurrect messages.
     pub(super) fn step(&mut self) -> Result<(), String> {
         self.now += Time::from_millis(1);
         let w = self.draw(WORKERS);
@@ -156,9 +155,9 @@ impl Farm {
             97 => self.list_queue(),
             98 | 99 => self.publish_missing(),
             100 => {
-                self.note(|| "the queue is made anew".to_owned());
+                self.note(|| "the queue is created again".to_owned());
                 self.queue.wipe();
-                self.queue_kept_its_word = false;
+                self.queue_is_reliable = false;
             }
             _ => self.resurrect(),
         }
@@ -180,7 +179,7 @@ impl Farm {
         }
     }
 
-    /// A packet that is on its way, taken out or copied.
+    /// Takes a random packet from the network, or copies one.
     fn packet(&mut self, copy: bool) -> Option<Packet> {
         if self.packets.is_empty() {
             return None;
@@ -189,7 +188,7 @@ impl Farm {
         Some(if copy { self.packets[k].clone() } else { self.packets.swap_remove(k) })
     }
 
-    /// A packet, or a copy of it, arrives.
+    /// Delivers a random packet, or a copy of one.
     fn network(&mut self, copy: bool) {
         let packet = self.packet(copy);
         self.note(|| format!("arrives: {packet:?}"));
@@ -225,14 +224,14 @@ impl Farm {
         if !gone.is_empty() {
             let sequence = gone[self.draw(gone.len())];
             let zombie = self.draw(2) == 0;
-            self.note(|| format!("{sequence} comes back (never delivered: {zombie})"));
+            self.note(|| format!("{sequence} reappears (never delivered: {zombie})"));
             self.queue.resurrect(sequence, zombie);
-            self.queue_kept_its_word = false;
+            self.queue_is_reliable = false;
         }
     }
 
-    /// The coordinator lists the queue before the store, so that it sees scenes that are finished in between. It clears a
-    /// queue that has messages but delivers none.
+    /// Lists the queue. The coordinator lists it before the store, so that it sees scenes that are finished in between.
+    /// It clears a queue that has messages but delivers none.
     fn list_queue(&mut self) {
         if self.queue.waiting() + self.queue.held() == 0 && self.queue.len() > 0 {
             self.queue.wipe();
@@ -255,7 +254,7 @@ impl Farm {
         self.publish_missing();
     }
 
-    /// Promises 2 and 3.
+    /// Checks promises 2 and 3.
     fn check(&self) -> Result<(), String> {
         let has_tuple = |scene| self.store.tuples.contains_key(&scene);
         let has_partial = |at| self.store.partials.contains_key(&at);
@@ -263,7 +262,7 @@ impl Farm {
         if let Some((scene, shard)) = self.store.put.iter().find(lost) {
             return Err(format!("shard {shard} of scene {scene} was stored and is lost"));
         }
-        if !self.queue_kept_its_word {
+        if !self.queue_is_reliable {
             return Ok(());
         }
         for scene in (0..SCENES).filter(|&scene| !has_tuple(scene)) {
@@ -281,7 +280,7 @@ impl Farm {
         Ok(())
     }
 
-    /// Promise 4: faults end, and everything gets its turn.
+    /// Checks promise 4: without further faults, and with a turn for every worker, packet and lease, all work is done.
     pub(super) fn finish_fairly(&mut self) -> Result<(), String> {
         for _ in 0..60 {
             let is_done = self.store.tuples.len() == SCENES as usize
@@ -301,14 +300,14 @@ impl Farm {
             }
             self.work_until_idle()?;
             for w in 0..WORKERS {
-                // Their confirmations were lost.
+                // Jobs still wait for confirmations that were lost.
                 self.workers[w].give_up_waiting();
                 if self.workers[w].stops {
                     self.leave(w, false);
                 }
             }
             self.work_until_idle()?;
-            // Their workers are gone.
+            // The remaining leases belong to workers that are gone.
             for sequence in self.queue.all_held() {
                 self.queue.expire(sequence, u64::MAX);
             }
@@ -329,11 +328,11 @@ impl Farm {
             self.check()?;
             let is_busy = |w: &Worker| w.jobs.iter().any(|job| !job.waits());
             if self.packets.is_empty() && !self.workers.iter().any(is_busy) {
-                // The checkpoint passes, so that partials in memory are written.
+                // Passes the checkpoint, so that partials in memory are written.
                 self.now += Time::from_secs(1);
                 return Ok(());
             }
         }
-        Err("the workers never rest".to_owned())
+        Err("the workers never become idle".to_owned())
     }
 }

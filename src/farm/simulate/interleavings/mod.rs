@@ -1,18 +1,18 @@
-//! Random interleavings of the state machine that ships: messages may be late, lost or doubled and workers may die, but no
+//! Random interleavings of the real state machine: messages may be late, lost or duplicated and workers may die, but no
 //! work is lost.
 //!
-//! In a small farm a hash of the seed chooses each step. Workers drive
-//! [`Tasks`](crate::farm::worker::tasks::Tasks) (`worker.rs`) against a model of the queue, a store and a network that
-//! delivers packets late, twice, in any order or never (`farm.rs`). Four promises are checked:
+//! A hash of the seed chooses each step of a small farm. Its workers drive [`Tasks`](crate::farm::worker::tasks::Tasks)
+//! (`worker.rs`) against models of the queue, the store and a network that delivers packets late, twice, in any order
+//! or never (`farm.rs`). The tests check four promises:
 //!
 //! 1. A result is put once, or again with an equal digest; a tuple is made from every shard of its scene.
-//! 2. While the queue keeps its confirmed messages, after every step each scene without a tuple has a message, and each of
-//!    its shards is in the store or in a message.
+//! 2. As long as the queue keeps its confirmed messages, each scene without a tuple has a message after every step, and
+//!    each of its shards is in the store or in a message.
 //! 3. No stored result is lost.
-//! 4. From any state, when faults end, every scene gets its tuple, the queue runs empty, and no live worker leaves the
-//!    record of an attempt.
+//! 4. After the last fault, from any state, every scene gets its tuple, the queue becomes empty, and no live worker
+//!    leaves the record of an attempt.
 //!
-//! The tests can fail: each [`Mistake`], planted between the machine and its driver, is found.
+//! The tests can fail: they find each [`Mistake`] planted between the machine and its driver.
 
 mod farm;
 mod worker;
@@ -28,17 +28,17 @@ enum Mistake {
     FinishesFirst,
     /// Requeued messages are not published.
     NeverPublishes,
-    /// A lease is finished though the queue had the messages that replace it before.
+    /// A lease is finished although the queue already had the messages that replace it.
     FinishesRefused,
-    /// A partial counts as stored when it is on its way.
+    /// A partial counts as stored before its put has ended.
     StoredTooEarly,
-    /// The last worker of a scene does not notice that it is the last one.
+    /// The last worker of a scene does not complete the scene.
     NeverTheLast,
     /// The tuple is made without the partials of other workers.
     GathersNothing,
     /// Partials are removed before the tuple is in the store.
     RemovesPartialsFirst,
-    /// The record of an attempt that ended in order stays.
+    /// The record of an attempt that ended in order is not removed.
     KeepsRecords,
 }
 
@@ -53,7 +53,7 @@ const MISTAKES: [Mistake; 8] = [
     Mistake::KeepsRecords,
 ];
 
-/// Runs one interleaving, a function of its seed. With `log`, an error begins with all of its steps.
+/// Runs the interleaving of a seed. With `log`, an error starts with all of its steps.
 fn run(seed: u64, mistake: Option<Mistake>, log: bool) -> Result<(), String> {
     let mut farm = Farm::new(seed, mistake, log);
     let steps = farm.draw(240);
@@ -62,14 +62,14 @@ fn run(seed: u64, mistake: Option<Mistake>, log: bool) -> Result<(), String> {
     ran.map_err(|error| format!("{}\n{error}", farm.log()))
 }
 
-/// Runs all seeds on two threads; the first failure is replayed with all of its steps.
+/// Runs all seeds on two threads. Each thread replays its first failure to print all steps.
 fn run_all(seeds: std::ops::Range<u64>) {
     let middle = u64::midpoint(seeds.start, seeds.end);
     std::thread::scope(|scope| {
         for mut part in [seeds.start..middle, middle..seeds.end] {
             scope.spawn(move || {
                 if let Some(seed) = part.find(|&seed| run(seed, None, false).is_err()) {
-                    let error = run(seed, None, true).expect_err("the same seed, the same run");
+                    let error = run(seed, None, true).expect_err("equal seeds give equal runs");
                     panic!("seed {seed}; `run({seed}, None, true)` replays it: {error}");
                 }
             });
@@ -84,13 +84,13 @@ fn no_work_is_lost_in_any_order() {
 
 /// `cargo test --release --lib a_million -- --ignored --nocapture`
 #[test]
-#[ignore = "minutes"]
+#[ignore = "takes minutes"]
 fn no_work_is_lost_in_any_of_a_million_orders() {
     run_all(0..1_000_000);
 }
 
 #[test]
-fn a_seed_replays() {
+fn a_seed_determines_all_steps() {
     for seed in 0..20 {
         let log = |seed| {
             let mut farm = Farm::new(seed, None, true);
@@ -102,7 +102,7 @@ fn a_seed_replays() {
     }
 }
 
-/// Except `Quarantine`, for the small farm has no scene that fails.
+/// The actions exclude `Quarantine`, because no scene of the small farm fails.
 #[test]
 fn interleavings_reach_every_action() {
     let mut logs = String::new();
@@ -121,8 +121,8 @@ fn interleavings_reach_every_action() {
 }
 
 #[test]
-fn a_finished_lease_whose_messages_were_refused_is_found() {
-    // One interleaving in 350,000 shows it; a change of the draws needs the seed of another.
+fn finishing_a_lease_after_refused_messages_is_found() {
+    // About one interleaving in 350,000 shows the mistake. A change of the draws requires another seed.
     let seed = 362_564;
     run(seed, Some(Mistake::FinishesRefused), false).unwrap_err();
     run(seed, None, false).unwrap();
@@ -133,7 +133,7 @@ fn every_planted_mistake_is_found() {
     for mistake in MISTAKES {
         let found = (0..5_000).find(|&seed| run(seed, Some(mistake), false).is_err());
         let seed = found.unwrap_or_else(|| panic!("{mistake:?} was not found"));
-        // The machine as it ships passes the same seed.
+        // Without the mistake, the machine passes the same seed.
         run(seed, None, false).unwrap_or_else(|error| panic!("{mistake:?}, seed {seed}: {error}"));
     }
 }

@@ -1,4 +1,4 @@
-//! A worker of the small farm: the state machine that ships, and its jobs, each a step of its own.
+//! A worker of the small farm: the real state machine, and jobs that each take a step.
 
 use super::Mistake;
 use super::farm::{Farm, Packet, SHARDS, digest, record};
@@ -8,19 +8,19 @@ use crate::farm::worker::tasks::{Action, TaskId, Tasks, Time};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::ops::Range;
 
-/// In steps of a millisecond.
+/// Time that partials stay in memory only; a step takes 1 ms.
 const CHECKPOINT: Time = Time::from_millis(25);
 
 const COSTS: Costs = Costs { shard_s: 1.0, threads: 1.0, load_s: 0.1, load_is_known: true };
 
-/// The next thing that one of a worker's threads does.
+/// A pending operation of a worker's thread.
 #[derive(Clone, Debug)]
 pub(super) enum Job {
-    /// Void once the task has ended.
+    /// A step of a task, ignored once the task has ended.
     Step(TaskId, Step),
     Donated(TaskId, Range<u32>),
     Act(VecDeque<Action>),
-    /// Waits until these publications are confirmed, then does the job.
+    /// A job that waits until these publications are confirmed.
     Confirmed(BTreeSet<u64>, Box<Job>),
 }
 
@@ -28,7 +28,7 @@ pub(super) enum Job {
 pub(super) enum Step {
     Examine(Lease),
     Load,
-    /// With the partials that were found.
+    /// The scene is loaded, with the shards that were found in the store.
     Loaded(Vec<u32>),
     Sandbox,
     Begin(u32),
@@ -49,9 +49,9 @@ pub(super) struct Worker {
     pub(super) id: u32,
     pub(super) tasks: Tasks<()>,
     pub(super) jobs: Vec<Job>,
-    /// It leases nothing new, and starts no shard.
+    /// True if the worker leases no task and starts no shard any more.
     pub(super) stops: bool,
-    /// Another worker replaces it when its jobs are done.
+    /// True if another worker replaces this one when its jobs are done.
     leaves: bool,
     results: BTreeMap<TaskId, BTreeMap<u32, u64>>,
 }
@@ -74,7 +74,7 @@ impl Worker {
         }
     }
 
-    /// The queue has a message. The lease that it replaces is finished only if the message is new.
+    /// Handles a confirmation. Without `finishes`, the lease that the message replaces is not finished.
     pub(super) fn confirmed(&mut self, number: u64, finishes: bool) {
         for job in &mut self.jobs {
             if let Job::Confirmed(open, then) = job
@@ -88,14 +88,14 @@ impl Worker {
         }
     }
 
-    /// Waits for no confirmation any more; the jobs that depend on one are not done.
+    /// Drops the jobs that wait for a confirmation.
     pub(super) fn give_up_waiting(&mut self) {
         self.jobs.retain(|job| !job.waits());
     }
 }
 
 impl Farm {
-    /// One of a worker's threads does something.
+    /// Does a random job of a worker.
     pub(super) fn work(&mut self, w: usize) -> Result<(), String> {
         let jobs = &self.workers[w].jobs;
         let ready: Vec<usize> = (0..jobs.len()).filter(|&k| !jobs[k].waits()).collect();
@@ -140,14 +140,14 @@ impl Farm {
                 return Ok(());
             }
             Step::Load => {
-                // The store is listed now, and the partials arrive later.
+                // The store is listed now; the partials arrive in the next step.
                 if worker.tasks.load(task, now) {
                     next.push(Step::Loaded(found));
                 }
                 Vec::new()
             }
             Step::Loaded(mut listed) => {
-                // Those of a scene that was merged meanwhile are gone.
+                // If the scene was merged meanwhile, its partials are gone.
                 listed.retain(|shard| found.contains(shard));
                 results.extend(listed.iter().map(|&shard| (shard, digest(scene, shard))));
                 let actions = worker.tasks.loaded(task, SHARDS, &listed, ());
@@ -213,7 +213,7 @@ impl Farm {
         if suspect && !worker.tasks.pin(task) {
             return;
         }
-        // The record of the attempt, under the next free number.
+        // The record of the attempt gets the next free number.
         let attempts = &mut self.store.attempts;
         let n = (1..u32::MAX).find(|&n| !attempts.contains_key(&record(leased, n))).unwrap_or(1);
         if worker.tasks.attempted(task, n) {
@@ -223,7 +223,7 @@ impl Farm {
         }
     }
 
-    /// A child process does all of the task, is lost, or is told to stop.
+    /// Traces the whole task in a child process, loses the child, or stops it.
     fn sandbox(&mut self, w: usize, task: TaskId, scene: u32) -> Result<(), String> {
         let fate = self.draw(3);
         if !self.workers[w].tasks.sandbox(task, self.now) {
@@ -246,7 +246,7 @@ impl Farm {
         Ok(())
     }
 
-    /// Does the first of some actions; the others follow as a job of their own.
+    /// Performs the first action. The others follow as a separate job.
     fn act(&mut self, w: usize, mut actions: VecDeque<Action>) {
         if self.mistake == Some(Mistake::FinishesFirst) {
             let is_finish = |action: &Action| matches!(action, Action::Finish { .. });
@@ -307,7 +307,7 @@ impl Farm {
         }
     }
 
-    /// Another worker is idle.
+    /// Donates shards to an idle worker.
     pub(super) fn donate(&mut self, w: usize) {
         if self.workers[w].stops {
             return;
@@ -323,7 +323,7 @@ impl Farm {
         }
     }
 
-    /// It finishes the shards that it has begun.
+    /// Stops a worker, which finishes the shards that it has started.
     pub(super) fn stop(&mut self, w: usize) {
         self.note(|| format!("worker {w} stops"));
         let worker = &mut self.workers[w];
@@ -333,7 +333,7 @@ impl Farm {
         worker.act(actions);
     }
 
-    /// It leaves, and its threads do nothing more; it `hangs` if one of them never returns.
+    /// Ends a worker's threads and requeues its tasks; if it `hangs`, only those without a loaded scene.
     pub(super) fn leave(&mut self, w: usize, hangs: bool) {
         self.note(|| format!("worker {w} leaves (hangs: {hangs})"));
         self.disown(w);
@@ -350,7 +350,7 @@ impl Farm {
         self.workers[w] = Worker::new(self.number() as u32);
     }
 
-    /// The records that this worker has now may stay: its jobs may be cut off.
+    /// Lets the worker's attempt records stay, because its jobs may be cut off.
     fn disown(&mut self, w: usize) {
         let id = self.workers[w].id;
         for owner in self.store.attempts.values_mut().filter(|owner| **owner == Some(id)) {

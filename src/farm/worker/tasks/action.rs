@@ -1,22 +1,22 @@
-//! The actions that the machine asks of its driver.
+//! The actions that the machine requests from its driver.
 
 use crate::farm::queue::Message;
 use crate::run::Task;
 use std::ops::Range;
 
-/// Names a leased task inside its worker; never reused.
+/// Identifier of a leased task inside its worker; never reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct TaskId(pub(super) u64);
 
-/// The driver does the actions of one event in order, and stops at the first that fails: so a lease is finished only after
-/// its shards are in the store or in another message.
+/// An action for the driver, which performs the actions of one event in order and stops at the first failure, so that a
+/// lease is finished only after its shards are in the store or in another message.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Action {
     /// Put these partials into the store; report each with [`stored`](super::Tasks::stored).
     Store { task: TaskId, shards: Vec<u32> },
     /// Make the scene's tuple from memory and put it into the store; then report [`merged`](super::Tasks::merged).
     Merge { task: TaskId },
-    /// Check whether all of the scene's partials are in the store; report [`scene_checked`](super::Tasks::scene_checked).
+    /// Check whether the store has all of the scene's partials; report [`scene_checked`](super::Tasks::scene_checked).
     CheckScene { task: TaskId },
     /// Fetch the partials of other workers; then report [`gathered`](super::Tasks::gathered).
     Gather { task: TaskId },
@@ -28,15 +28,15 @@ pub(crate) enum Action {
     RemovePartials { scene: u32 },
     /// Remove record number `n` of the attempt at these shards, which has ended in order.
     ForgetAttempt { task: Task, n: u32 },
-    /// Publish messages in place of a lease: finish it once the queue has confirmed them. If the queue had one of them before,
-    /// leave the lease to end by itself, so that the queue delivers its task again: the worker that holds the earlier message
-    /// may have found the scene incomplete before this worker's last shards were stored, and would be the last to finish.
+    /// Publish messages in place of a lease, and finish the lease once the queue has confirmed them. If the queue
+    /// already had one, let the lease expire, so that the task is delivered again: the worker with the earlier message
+    /// may have found the scene incomplete before this worker stored its last shards, and be the last to finish.
     Replace { lease: u64, messages: Vec<Message> },
-    /// Finish the lease: the queue removes its message.
+    /// Finish the lease, so that the queue removes its message.
     Finish { lease: u64 },
 }
 
-/// Shards to publish for an idle worker. After the queue's confirmation report [`donated`](super::Tasks::donated).
+/// Shards to publish for an idle worker. Report [`donated`](super::Tasks::donated) after the queue's confirmation.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Offer {
     pub(crate) task: TaskId,

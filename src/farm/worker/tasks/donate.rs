@@ -1,7 +1,7 @@
-//! The choice of tasks to donate, and the time to lease more.
+//! Chooses the tasks to donate, and the time to lease more.
 //!
-//! One rule keeps every shard covered: a donor publishes first, waits for the queue's confirmation, and only then gives up
-//! the shards. Two workers may trace the same shard, which costs time and changes nothing; but none is forgotten.
+//! A donor publishes shards, waits for the queue's confirmation, and only then gives them up, so that no shard is lost.
+//! Two workers may trace the same shard, which only costs time.
 
 use super::super::costs::Costs;
 use super::{Entry, TaskId, TaskState, Tasks};
@@ -11,23 +11,23 @@ use std::ops::Range;
 #[derive(Clone)]
 struct Candidate {
     task: TaskId,
-    /// Its scene is loaded.
+    /// True if the task's scene is loaded.
     opened: bool,
-    /// Shards at its end that no thread has begun.
+    /// Shards at the end of the task that no thread has started.
     unbegun: Range<u32>,
-    /// Estimated seconds for those.
+    /// Estimated time for `unbegun`, s.
     unbegun_s: f64,
 }
 
-/// Donating a part of an opened task must save this many times what loading its scene again costs.
+/// Least remaining time of an opened task for a donation of its end, in loads of its scene.
 const WORTH_LOADS: f64 = 2.0;
 
-/// The next task is leased when the open ones last for so many loads at most.
+/// Remaining time of the open tasks at which the worker leases the next one, in loads.
 const LOADS_AHEAD: f64 = 2.0;
 
-/// Chooses what to publish for an idle worker that takes `slowness` times as long and loads a scene in `load_s`: the later
-/// half of the unopened tasks; else the end of the opened task with the longest rest, so much that both workers finish at the
-/// same time, but nothing if that is not worth a second load of its scene.
+/// Chooses what to publish for an idle worker that takes `slowness` times as long and loads a scene in `load_s`. That
+/// is the later half of the unopened tasks, or otherwise the end of the opened task with the longest rest, such that
+/// both workers finish at the same time. Returns nothing if a second load of the scene costs too much.
 fn choose(candidates: &[Candidate], slowness: f64, load_s: f64) -> Vec<(TaskId, Range<u32>)> {
     let waiting: Vec<&Candidate> = candidates.iter().filter(|c| !c.opened).collect();
     if !waiting.is_empty() {
@@ -42,7 +42,7 @@ fn choose(candidates: &[Candidate], slowness: f64, load_s: f64) -> Vec<(TaskId, 
     share.into_iter().collect()
 }
 
-/// The later half, rounded up; less for a slower worker, and none if that would take longer there than all of it here.
+/// Returns the later half, rounded up; less for a slower worker, and `None` if that takes longer than all of it here.
 fn later_share(from: &Candidate, slowness: f64, load_s: f64) -> Option<Range<u32>> {
     let (shards, count) = (&from.unbegun, from.unbegun.len() as f64);
     let donated = (count / (1.0 + slowness) + 0.5).floor().min(count);
@@ -53,13 +53,13 @@ fn later_share(from: &Candidate, slowness: f64, load_s: f64) -> Option<Range<u32
 }
 
 impl<P> Tasks<P> {
-    /// The tasks to publish for an idle worker that loads a scene in `load_s`.
+    /// Returns the tasks to publish for an idle worker that loads a scene in `load_s`.
     pub(super) fn choose(&self, costs: Costs, load_s: Option<f64>) -> Vec<(TaskId, Range<u32>)> {
         let load_or_own_s = load_s.unwrap_or(costs.load_s);
         choose(&self.candidates(costs), costs.slowness(load_s), load_or_own_s)
     }
 
-    /// Excludes pinned tasks, and those being loaded.
+    /// Returns all tasks with unstarted shards, except pinned tasks and those being loaded.
     fn candidates(&self, costs: Costs) -> Vec<Candidate> {
         let of = |(&task, entry): (&TaskId, &Entry<P>)| {
             let unbegun = match entry.state {
@@ -77,14 +77,14 @@ impl<P> Tasks<P> {
         self.entries.iter().filter_map(of).collect()
     }
 
-    /// Whether to lease no more for now: enough tasks wait here, or the open ones last longer than a load takes. A worker that
-    /// leases too early takes back its own donation.
+    /// True if the worker should lease no more for now: enough tasks wait, or the open ones last long enough. A worker
+    /// that leases too early takes back its own donation.
     pub(crate) fn has_enough(&self, ahead: usize, costs: Costs) -> bool {
         let waiting = self.entries.values().filter(|e| e.state.waits()).count();
         let lasts_s = |entry: &Entry<P>| {
             let unbegun = match entry.state {
                 TaskState::Queued | TaskState::Pinned => return 0.0,
-                // All of it, as far as is known.
+                // Until the scene is loaded, all shards count as missing.
                 TaskState::Loading | TaskState::Sandboxed => entry.message.task.shards.len(),
                 _ => entry.shards.unbegun().len(),
             };
@@ -127,7 +127,7 @@ mod tests {
         let two = [open.clone(), candidate(1, 5..8, true)];
         assert_eq!(chosen(&two, 1.0, LOAD_S), [(0, 11..16)]);
         assert_eq!(chosen(&[candidate(0, 4..5, true)], 1.0, LOAD_S), [(0, 4..5)]);
-        // Not worth a load, or nothing to donate.
+        // The rest is not worth a load, or empty.
         assert_eq!(chosen(&[open], 1.0, 5.0), []);
         assert_eq!(chosen(&[candidate(0, 4..4, true)], 1.0, LOAD_S), []);
         assert_eq!(chosen(&[], 1.0, LOAD_S), []);

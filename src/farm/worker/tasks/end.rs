@@ -8,17 +8,17 @@ impl<P> Tasks<P> {
         self.end(task, TaskEvent::TupleStored)
     }
 
-    /// Another worker has stored the scene's tuple.
+    /// Ends a task after another worker has stored the scene's tuple.
     pub(crate) fn done_elsewhere(&mut self, task: TaskId) -> Vec<Action> {
         self.end(task, TaskEvent::DoneElsewhere)
     }
 
-    /// The scene cannot be done.
+    /// Ends a task and quarantines its scene, which cannot be done.
     pub(crate) fn fail(&mut self, task: TaskId, reason: &str) -> Vec<Action> {
         self.quarantine(task, TaskEvent::Failed, reason)
     }
 
-    /// The scene cost too many attempts.
+    /// Ends a task and quarantines its scene, which cost too many attempts.
     pub(crate) fn set_aside(&mut self, task: TaskId, reason: &str) -> Vec<Action> {
         self.quarantine(task, TaskEvent::SetAside, reason)
     }
@@ -39,18 +39,18 @@ impl<P> Tasks<P> {
         self.end(task, TaskEvent::NothingToDo)
     }
 
-    /// The task failed here; other workers try again. The record of the attempt stays.
+    /// Requeues a task that failed here. The record of the attempt stays.
     pub(crate) fn retry(&mut self, task: TaskId) -> Vec<Action> {
         self.end(task, TaskEvent::Retry)
     }
 
-    /// Leaves the task, which has not failed, to other workers.
+    /// Requeues a task that has not failed.
     pub(crate) fn requeue(&mut self, task: TaskId) -> Vec<Action> {
         self.end(task, TaskEvent::Requeue)
     }
 
-    /// Leaves all tasks to other workers. Attempts are forgotten first: if the queue is away and leases end by themselves, no
-    /// scene is blamed.
+    /// Requeues all tasks. Attempts are forgotten first, so that no scene is blamed if the queue cannot be reached and
+    /// the leases expire.
     pub(crate) fn requeue_all(&mut self) -> Vec<Action> {
         let mut actions = self.end_all(TaskEvent::Requeue, |_| true);
         actions
@@ -58,15 +58,15 @@ impl<P> Tasks<P> {
         actions
     }
 
-    /// Leaves the tasks without a loaded scene to other workers: this worker hangs.
+    /// Requeues the tasks without a loaded scene, because this worker hangs.
     pub(crate) fn requeue_waiting(&mut self) -> Vec<Action> {
         let mut actions = self.end_all(TaskEvent::Requeue, |entry| entry.state.waits());
-        // The store may hang, so the queue comes first.
+        // The store may hang, so the queue's actions come first.
         actions.sort_by_key(|action| matches!(action, Action::ForgetAttempt { .. }));
         actions
     }
 
-    /// The run is cancelled: leaves everything as it is.
+    /// Ends all tasks of a cancelled run without requeuing them.
     pub(crate) fn cancel(&mut self) -> Vec<Action> {
         self.end_all(TaskEvent::Cancel, |_| true)
     }
@@ -77,7 +77,7 @@ impl<P> Tasks<P> {
         tasks.into_iter().flat_map(|task| self.end(task, event)).collect()
     }
 
-    /// Ends a task if the table says so.
+    /// Ends a task if the table has an end for the event.
     pub(super) fn end(&mut self, task: TaskId, event: TaskEvent) -> Vec<Action> {
         let Some(entry) = self.entries.get(&task) else {
             return Vec::new();

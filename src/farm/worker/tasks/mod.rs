@@ -1,5 +1,5 @@
-//! The tasks that a worker has leased, as a pure state machine: events in, actions out. It has no clock (events bring the
-//! time), no lock, no store, no thread and no queue. A worker's threads, the simulator and the property tests all drive it.
+//! The tasks that a worker has leased, as a pure state machine: events in, actions out. It has no clock (events bring
+//! the time), lock, store, thread or queue. A worker's threads, the simulator and the property tests all drive it.
 //!
 //! ```text
 //!  lease -> Queued -> Pinned
@@ -15,7 +15,7 @@
 //!                      ends: another worker has the rest
 //! ```
 //!
-//! [`state::next`] is the table of all transitions. A task ends once, and later events of it are ignored.
+//! [`state::next`] is the table of all transitions. A task ends once, and later events of the task are ignored.
 
 mod action;
 mod donate;
@@ -39,12 +39,12 @@ use std::time::Duration;
 /// Time since the worker started.
 pub(crate) type Time = Duration;
 
-/// All leased tasks; `P` is the driver's data of a task whose scene is loaded.
+/// All leased tasks; `P` is the driver's data of a task with a loaded scene.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tasks<P> {
     entries: BTreeMap<TaskId, Entry<P>>,
     last: u64,
-    /// Partials of a scene that this worker has as a whole stay in memory for this time, until its last shard is traced.
+    /// Longest time that partials of a scene stay in memory only, unless other workers share the scene.
     checkpoint: Duration,
     stopping: bool,
 }
@@ -59,26 +59,26 @@ struct Entry<P> {
     attempt: Option<u32>,
     /// The time of the last progress.
     progress: Time,
-    /// Since then the oldest unwritten shard is in memory.
+    /// Time at which the oldest unwritten shard was traced.
     in_memory_since: Option<Time>,
-    /// A thread's seconds, and the number of shards traced in them.
+    /// Time of all threads, s, and the number of shards traced in it.
     traced: (f64, f64),
     payload: Option<P>,
 }
 
-/// Whether other processes have parts of the same scene.
+/// The participation of other processes in the same scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Company {
-    /// All of the scene was traced here.
+    /// No other process has traced a part of the scene.
     Alone,
-    /// The store had some of its shards.
+    /// The store had some of the scene's shards.
     Before,
     /// Another worker may wait for the shards of this task.
     Now,
 }
 
 impl<P> Entry<P> {
-    /// Estimated seconds for one of its shards. Scenes differ more than tenfold, so its own times count more than the mean.
+    /// Estimates the time of one shard, s. Scenes differ more than tenfold, so the task's own times replace the mean.
     fn shard_s(&self, costs: Costs) -> f64 {
         let (seconds, shards) = self.traced;
         let of_thread = if shards > 0.0 { seconds / shards } else { costs.shard_s };
@@ -90,8 +90,8 @@ impl<P> Entry<P> {
         Message { task: Task { scene, shards }, hops: self.message.hops + 1 }
     }
 
-    /// The messages for another worker if this one stops: all shards that are not in the store; or, if all are, the whole
-    /// task, since a worker must still check whether the scene is complete.
+    /// Returns the messages for another worker if this one stops: all shards that are not in the store or, if all are,
+    /// the whole task, because a worker must still check whether the scene is complete.
     fn rest(&self) -> Vec<Message> {
         let rows = rows(self.shards.undone());
         if rows.is_empty() {
@@ -107,7 +107,7 @@ impl<P> Tasks<P> {
         Self { entries: BTreeMap::new(), last: 0, checkpoint, stopping: false }
     }
 
-    /// Adds a leased task. None if it is here already: its lease ended, and the queue delivered it here again.
+    /// Adds a leased task. Returns `None` if its lease expired and the queue delivered it here again.
     pub(crate) fn lease(&mut self, lease: &Lease, now: Time) -> Option<TaskId> {
         let same = |e: &Entry<P>| e.lease == lease.id && e.message == lease.message;
         if self.entries.values().any(same) {
@@ -130,30 +130,30 @@ impl<P> Tasks<P> {
         Some(TaskId(self.last))
     }
 
-    /// Keeps a task from being donated, since earlier attempts at its scene failed. False if it was donated meanwhile.
+    /// Prevents the donation of a task after failed attempts at its scene. Returns false if it was donated meanwhile.
     pub(crate) fn pin(&mut self, task: TaskId) -> bool {
         self.to(task, TaskEvent::Pinned).is_some()
     }
 
-    /// The record of the attempt has the number `n`. False if the task was donated meanwhile.
+    /// Notes the number `n` of the attempt's record. Returns false if the task was donated meanwhile.
     pub(crate) fn attempted(&mut self, task: TaskId, n: u32) -> bool {
         let entry = self.entries.get_mut(&task);
         entry.map(|entry| entry.attempt = Some(n)).is_some()
     }
 
-    /// A compute thread begins to load the scene. False if the task was donated meanwhile.
+    /// Records that a compute thread loads the scene. Returns false if the task was donated meanwhile.
     pub(crate) fn load(&mut self, task: TaskId, now: Time) -> bool {
         self.progress(task, now);
         self.to(task, TaskEvent::LoadBegins).is_some()
     }
 
-    /// A child process begins to trace the task. False if it was donated meanwhile.
+    /// Records that a child process traces the task. Returns false if the task was donated meanwhile.
     pub(crate) fn sandbox(&mut self, task: TaskId, now: Time) -> bool {
         self.progress(task, now);
         self.to(task, TaskEvent::SandboxBegins).is_some()
     }
 
-    /// The scene of `count` shards is loaded, with the shards `found` in the store.
+    /// Handles the loaded scene of `count` shards; the store has the shards in `found`.
     pub(crate) fn loaded(
         &mut self,
         task: TaskId,
@@ -178,20 +178,20 @@ impl<P> Tasks<P> {
         self.settle(task)
     }
 
-    /// The shards that no thread has begun.
+    /// Returns the shards that no thread has started.
     pub(crate) fn waiting(&self, task: TaskId) -> Vec<u32> {
         let entry = self.entries.get(&task);
         entry.map_or_else(Vec::new, |entry| entry.shards.waiting())
     }
 
-    /// Whether to trace a band of a shard.
+    /// True if the caller must trace a band of the shard.
     pub(crate) fn begin(&mut self, task: TaskId, shard: u32) -> bool {
         let stopping = self.stopping;
         let entry = self.entries.get_mut(&task);
         entry.is_some_and(|entry| entry.shards.begin(shard, stopping))
     }
 
-    /// A thread took so many seconds for a part of a shard.
+    /// Adds the time that a thread took for a part of a shard.
     pub(crate) fn spent(&mut self, task: TaskId, seconds: f64, part: f64) {
         if let Some(entry) = self.entries.get_mut(&task) {
             entry.traced.0 += seconds;
@@ -199,8 +199,8 @@ impl<P> Tasks<P> {
         }
     }
 
-    /// A shard is traced and in memory. It is written at once if another worker may wait for it, else at the checkpoint: by
-    /// then the tuple may have made that needless.
+    /// Handles a shard that is traced and in memory. The shard is written at once if another worker may wait for it,
+    /// otherwise at the checkpoint, unless the tuple is complete by then.
     pub(crate) fn traced(&mut self, task: TaskId, shard: u32, now: Time) -> Vec<Action> {
         let (stopping, checkpoint) = (self.stopping, self.checkpoint);
         let Some(entry) = self.entries.get_mut(&task) else {
@@ -220,7 +220,7 @@ impl<P> Tasks<P> {
         settled
     }
 
-    /// Writes the shards that are only in memory.
+    /// Writes a task's shards that are only in memory.
     fn store(&mut self, task: TaskId) -> Vec<Action> {
         let entry = self.entries.get_mut(&task);
         let Some(entry) = entry.filter(|entry| entry.state == TaskState::Tracing) else {
@@ -238,7 +238,7 @@ impl<P> Tasks<P> {
         self.settle(task)
     }
 
-    /// The store has all of the scene's shards, or not.
+    /// Handles the result of a check whether the store has all of the scene's shards.
     pub(crate) fn scene_checked(&mut self, task: TaskId, all: bool) -> Vec<Action> {
         if !all {
             return self.end(task, TaskEvent::OthersMissing);
@@ -247,7 +247,7 @@ impl<P> Tasks<P> {
         gathers.map(|_| Action::Gather { task }).into_iter().collect()
     }
 
-    /// The other workers' shards are in memory, except those `missing`, which are damaged or gone.
+    /// Handles the fetched shards of other workers. Those in `missing` are damaged or gone.
     pub(crate) fn gathered(&mut self, task: TaskId, missing: &[u32]) -> Vec<Action> {
         if missing.is_empty() {
             let complete = self.to(task, TaskEvent::Gathered);
@@ -265,14 +265,14 @@ impl<P> Tasks<P> {
         actions
     }
 
-    /// The messages to publish for an idle worker that loads a scene in `load_s`.
+    /// Returns the messages to publish for an idle worker that loads a scene in `load_s`.
     pub(crate) fn offers(&self, costs: Costs, load_s: Option<f64>) -> Vec<Offer> {
         let offer = |(task, shards)| Offer { task, message: self.entries[&task].message(shards) };
         self.choose(costs, load_s).into_iter().map(offer).collect()
     }
 
-    /// The queue has confirmed these shards for another worker. Shards begun meanwhile are finished here, too; those in memory
-    /// are written, for the other worker may wait for them.
+    /// Gives up shards that the queue has confirmed for another worker. This worker still finishes started ones, and
+    /// writes those in memory, because the other worker may wait for them.
     pub(crate) fn donated(&mut self, task: TaskId, shards: Range<u32>) -> Vec<Action> {
         let ended = self.end(task, TaskEvent::Donated);
         if !ended.is_empty() {
@@ -305,7 +305,7 @@ impl<P> Tasks<P> {
         }
     }
 
-    /// An opened task without progress for `hang`.
+    /// Returns an opened task without progress for `hang`.
     pub(crate) fn hung(&self, now: Time, hang: Duration) -> Option<&Task> {
         let hangs = |e: &&Entry<P>| !e.state.waits() && now.saturating_sub(e.progress) > hang;
         self.entries.values().find(hangs).map(|e| &e.message.task)
@@ -319,17 +319,17 @@ impl<P> Tasks<P> {
         self.entries.is_empty()
     }
 
-    /// It has not ended.
+    /// True if the task has not ended.
     pub(crate) fn has(&self, task: TaskId) -> bool {
         self.entries.contains_key(&task)
     }
 
-    /// None after its end.
+    /// Returns the task's scene, or `None` after the task has ended.
     pub(crate) fn scene(&self, task: TaskId) -> Option<u32> {
         self.entries.get(&task).map(|entry| entry.message.task.scene)
     }
 
-    /// All of its scene was traced here.
+    /// True if no other process has traced a part of the task's scene.
     pub(crate) fn is_alone(&self, task: TaskId) -> bool {
         let entry = self.entries.get(&task);
         entry.is_some_and(|entry| entry.company == Company::Alone)
@@ -339,7 +339,7 @@ impl<P> Tasks<P> {
         self.entries.get(&task)?.payload.as_ref()
     }
 
-    /// Takes a task to the table's next state. None if there is none.
+    /// Moves a task to its next state. Returns `None` if the table has none.
     fn to(&mut self, task: TaskId, event: TaskEvent) -> Option<&mut Entry<P>> {
         let entry = self.entries.get_mut(&task)?;
         let Some(Next::To(state)) = next(entry.state, event) else {
@@ -349,7 +349,7 @@ impl<P> Tasks<P> {
         Some(entry)
     }
 
-    /// After a change of shards, checks whether the scene is complete here, or the task's own part in the store.
+    /// Checks, after a change of shards, whether the scene is complete here or the task's own part in the store.
     fn settle(&mut self, task: TaskId) -> Vec<Action> {
         let Some(entry) = self.entries.get(&task) else {
             return Vec::new();

@@ -1,4 +1,4 @@
-//! The shards of a loaded scene, as one of its tasks sees them.
+//! The states of a scene's shards, from the view of one of its tasks.
 
 use std::ops::Range;
 
@@ -7,7 +7,7 @@ enum Shard {
     /// In another worker's task.
     Elsewhere,
     Waiting,
-    /// Waiting when the worker stopped, so it is not begun any more.
+    /// Waiting when the worker stopped, so no thread starts it.
     Dropped,
     Tracing,
     /// Traced, and only in memory.
@@ -16,16 +16,16 @@ enum Shard {
     Writing,
     /// This worker has put it into the store.
     Stored,
-    /// The store had it before.
+    /// In the store before the scene was loaded.
     Found,
 }
 
-/// All shards of a scene; none before the scene is loaded.
+/// All shards of a scene; empty before the scene is loaded.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Shards(Vec<Shard>);
 
 impl Shards {
-    /// The shards of a scene: `own` are the task's, and the store has `found`.
+    /// Returns the shards of a scene: `own` belong to the task, and the store has `found`.
     pub(super) fn new(count: u32, own: &Range<u32>, found: &[u32]) -> Self {
         let of = |shard: u32| {
             if found.contains(&shard) {
@@ -54,19 +54,19 @@ impl Shards {
         }
     }
 
-    /// Whether to trace a band of a shard. While stopping, no new shard starts; a started one is finished.
+    /// True if the caller must trace a band of the shard. A stopping worker finishes started shards but starts none.
     pub(super) fn begin(&mut self, shard: u32, stopping: bool) -> bool {
         let to = if stopping { Shard::Dropped } else { Shard::Tracing };
         self.change(shard, &[Shard::Waiting], to);
         self.0.get(shard as usize) == Some(&Shard::Tracing)
     }
 
-    /// False if it was not being traced.
+    /// Marks a shard as traced. Returns false if no thread was tracing it.
     pub(super) fn traced(&mut self, shard: u32) -> bool {
         self.change(shard, &[Shard::Tracing], Shard::InMemory)
     }
 
-    /// Begins to write the shards that are only in memory.
+    /// Returns the shards that are only in memory, and marks them as being written.
     pub(super) fn write(&mut self) -> Vec<u32> {
         let shards: Vec<u32> = self.with(|s| s == Shard::InMemory).collect();
         for &shard in &shards {
@@ -79,7 +79,7 @@ impl Shards {
         self.change(shard, &[Shard::Writing], Shard::Stored);
     }
 
-    /// Gives these shards to another worker; shards already begun are finished here, too.
+    /// Gives up shards that no thread has started. This worker finishes the others.
     pub(super) fn leave(&mut self, shards: Range<u32>) {
         for shard in shards {
             self.change(shard, &[Shard::Waiting, Shard::Dropped], Shard::Elsewhere);
@@ -90,7 +90,7 @@ impl Shards {
         self.with(|s| s == Shard::Waiting).collect()
     }
 
-    /// The row of waiting shards at the end of the unfinished ones.
+    /// Returns the consecutive waiting shards at the end of the unfinished ones.
     pub(super) fn unbegun(&self) -> Range<u32> {
         let left = |s| matches!(s, Shard::Waiting | Shard::Dropped | Shard::Tracing);
         let end = self.with(left).last().map_or(0, |last| last + 1);
@@ -99,7 +99,7 @@ impl Shards {
         end - count..end
     }
 
-    /// Every shard of the scene is in this worker's memory.
+    /// True if every shard of the scene is in this worker's memory.
     pub(super) fn are_all_here(&self) -> bool {
         let here = |s: &Shard| {
             matches!(s, Shard::InMemory | Shard::Writing | Shard::Stored | Shard::Found)
@@ -107,7 +107,7 @@ impl Shards {
         !self.0.is_empty() && self.0.iter().all(here)
     }
 
-    /// The task's shards that are not in the store.
+    /// Returns the task's shards that are not in the store.
     pub(super) fn undone(&self) -> impl Iterator<Item = u32> {
         self.with(|s| !matches!(s, Shard::Elsewhere | Shard::Stored | Shard::Found))
     }
@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_shard_is_begun_or_dropped_for_all_threads() {
+    fn all_threads_start_or_drop_the_same_shards() {
         let mut shards = Shards::new(3, &(0..3), &[]);
         assert!(shards.begin(0, false) && shards.begin(0, true) && shards.begin(0, false));
         assert!(!shards.begin(1, true) && !shards.begin(1, false));
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn found_and_begun_shards_are_not_given_away() {
+    fn found_and_begun_shards_are_not_donated() {
         let mut shards = Shards::new(8, &(2..8), &[0, 5]);
         assert!(shards.begin(6, false));
         assert_eq!(shards.unbegun(), 7..8);
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn shards_in_rows() {
+    fn consecutive_shards_form_rows() {
         assert_eq!(rows([1, 2, 5, 7, 8].into_iter()), [1..3, 5..6, 7..9]);
         assert_eq!(rows([].into_iter()), []);
     }

@@ -2,40 +2,40 @@
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TaskState {
-    /// Leased, and its scene not loaded yet: it may be donated.
+    /// Leased, but the scene is not loaded yet; the task may be donated.
     Queued,
-    /// Queued, but it has failed before: a donation would only pass the trouble on.
+    /// Queued, but the scene has failed before; a donation would only move the problem.
     Pinned,
-    /// A compute thread loads its scene and the partials in the store.
+    /// A compute thread loads the scene and its partials in the store.
     Loading,
-    /// A child process traces it, since it may kill the process that traces it.
+    /// A child process traces the task, because the task may kill its process.
     Sandboxed,
     Tracing,
-    /// All shards of its scene are in memory, and the tuple is made from them.
+    /// All shards of the scene are in memory, and the worker makes the tuple from them.
     Complete,
-    /// Its own shards are in the store; the worker checks whether those of other workers are, too.
+    /// The task's own shards are in the store; the worker checks whether those of other workers are, too.
     Partial,
-    /// The shards of other workers are fetched from the store.
+    /// The worker fetches the shards of other workers from the store.
     Gathering,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TaskEvent {
-    /// Records of failed attempts at its scene were found.
+    /// The store has records of failed attempts at the scene.
     Pinned,
     LoadBegins,
     SandboxBegins,
     Loaded,
     /// The last shard of the scene is in memory.
     AllHere,
-    /// The last of its own shards is in the store, or was donated.
+    /// The last of the task's own shards is in the store, or was donated.
     OwnStored,
     /// The store has all of the scene's shards.
     OthersStored,
     OthersMissing,
     /// The shards of other workers are in memory, too.
     Gathered,
-    /// Some of them are damaged or gone.
+    /// Some shards of other workers are damaged or gone.
     Damaged,
     TupleStored,
     /// Another worker has stored the tuple.
@@ -43,35 +43,35 @@ pub(super) enum TaskEvent {
     Failed,
     /// Another worker has the whole task.
     Donated,
-    /// Its scene is done or in quarantine, or a child process has done the task.
+    /// The scene is done or in quarantine, or a child process has done the task.
     NothingToDo,
-    /// Its scene has cost too many attempts.
+    /// The scene has cost too many attempts.
     SetAside,
-    /// It failed here; other workers try again.
+    /// The task failed here; other workers try again.
     Retry,
     Requeue,
     /// The run is cancelled.
     Cancel,
 }
 
-/// How a task leaves a worker.
+/// The way in which a task leaves a worker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum End {
     Done,
-    /// Its scene's tuple is in the store.
+    /// The scene's tuple is in the store.
     Merged,
-    /// Its shards are in the store, where another worker finds them.
+    /// The task's shards are in the store, where another worker finds them.
     DoneInPart,
     /// Some of the scene's shards must be traced again.
     Damaged,
     Donated,
-    /// Its scene goes into quarantine because it failed here.
+    /// The scene goes into quarantine because it failed here.
     Failed,
-    /// Its scene goes into quarantine because of its attempts, whose records stay.
+    /// The scene goes into quarantine after too many attempts; the records of the attempts stay.
     SetAside,
-    /// Back to the queue; the record of the attempt stays.
+    /// The task is requeued after a failure; the record of the attempt stays.
     Retried,
-    /// Back to the queue, without a failure.
+    /// The task is requeued without a failure.
     Requeued,
     Cancelled,
 }
@@ -82,7 +82,7 @@ pub(super) enum Next {
     Ends(End),
 }
 
-/// The table of transitions. None if a task in this state ignores the event.
+/// Returns the transition of a task, or `None` if a task in this state ignores the event.
 pub(super) fn next(state: TaskState, event: TaskEvent) -> Option<Next> {
     use Next::{Ends, To};
     use TaskEvent as E;
@@ -116,7 +116,7 @@ pub(super) fn next(state: TaskState, event: TaskEvent) -> Option<Next> {
 }
 
 impl TaskState {
-    /// Its scene is neither loaded nor being loaded.
+    /// True if the scene is neither loaded nor being loaded.
     pub(super) fn waits(self) -> bool {
         matches!(self, Self::Queued | Self::Pinned)
     }
@@ -161,7 +161,7 @@ mod tests {
         E::Cancel,
     ];
 
-    /// Every state is reached from `Queued`, and left by some event of the work itself.
+    /// Every state can be reached from `Queued` and left by an event of the work itself.
     #[test]
     fn every_state_is_reached_and_left() {
         let mut reached = vec![S::Queued];

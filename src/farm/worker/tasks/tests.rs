@@ -1,4 +1,4 @@
-//! The machine's rules, one by one.
+//! The machine's rules, one test each.
 
 use super::*;
 
@@ -10,7 +10,7 @@ fn lease(id: u64, scene: u32, shards: Range<u32>) -> Lease {
     Lease { id, message: Message { task: Task { scene, shards }, hops: 0 }, redelivered: false }
 }
 
-/// A machine with one task whose scene of `count` shards is loaded.
+/// Returns a machine with one task and its loaded scene of `count` shards.
 fn opened(shards: Range<u32>, count: u32, found: &[u32]) -> (Tasks<()>, TaskId, Vec<Action>) {
     let mut tasks = Tasks::new(CHECKPOINT);
     let task = tasks.lease(&lease(1, 7, shards), START).unwrap();
@@ -104,7 +104,7 @@ fn a_donor_finishes_begun_shards_and_writes_finished_ones() {
     let offers = tasks.offers(COSTS, None);
     assert_eq!(offers.len(), 1);
     assert_eq!((offers[0].task, &offers[0].message), (task, &message(5..8)));
-    // Until the queue confirms, offered shards are begun, too.
+    // Threads may start offered shards until the queue confirms the offer.
     assert!(tasks.begin(task, 5));
     let write = tasks.donated(task, 5..8);
     assert_eq!(write, [Action::Store { task, shards: vec![0] }]);
@@ -145,7 +145,7 @@ fn the_same_message_is_not_leased_twice() {
     let mut tasks: Tasks<()> = Tasks::new(CHECKPOINT);
     let task = tasks.lease(&lease(1, 7, 0..2), START).unwrap();
     assert_eq!(tasks.lease(&lease(1, 7, 0..2), START), None);
-    // A queue that was made anew counts from the start, so another message may have the same number.
+    // A queue that was created again counts from the start, so another message may have the same number.
     let other = tasks.lease(&lease(1, 8, 0..2), START).unwrap();
     assert_ne!(task, other);
     assert_eq!(tasks.leases(), [1, 1]);
@@ -163,7 +163,7 @@ fn a_stopping_worker_starts_no_shard_and_requeues_unstored_ones() {
     assert_eq!(tasks.store_all(), store(&[1]));
     assert_eq!(tasks.traced(task, 2, START), store(&[2]));
     assert_eq!(tasks.stored(task, 2), []);
-    // The writer has lost shard 1.
+    // The writer did not store shard 1.
     let messages = vec![message(1..2), message(3..8)];
     let note = Action::LeaveNote { task: Task { scene: 7, shards: 0..8 } };
     let requeued = [forget(0..8), note, Action::Replace { lease: 1, messages }];
@@ -172,7 +172,7 @@ fn a_stopping_worker_starts_no_shard_and_requeues_unstored_ones() {
 }
 
 #[test]
-fn a_stored_task_whose_scene_was_not_checked_is_requeued_whole() {
+fn a_stored_task_with_an_unchecked_scene_is_requeued_whole() {
     let (mut tasks, task, actions) = opened(0..2, 4, &[0, 1]);
     assert_eq!(actions, [Action::CheckScene { task }]);
     let messages = vec![message(0..2)];
@@ -232,7 +232,7 @@ fn a_worker_leases_more_when_the_open_tasks_end_soon() {
     assert!(!tasks.has_enough(1, COSTS));
     let next = tasks.lease(&lease(2, 8, 0..4), START).unwrap();
     assert!(tasks.has_enough(1, COSTS) && !tasks.has_enough(2, COSTS));
-    // Its own shard times count more than the mean of all scenes.
+    // The shard times of an opened task replace the mean of all scenes.
     assert!(tasks.load(next, START));
     assert!(tasks.has_enough(2, COSTS));
     tasks.loaded(next, 4, &[], ());
