@@ -52,8 +52,8 @@ impl PlacesPhotograph {
     }
 }
 
-/// The first `count` photographs of the set with this seed: those of [`listing::listing`], with rooms distributed over the
-/// `indoors` categories in turn, streets and parks over the `outdoors` ones.
+/// The first `count` photographs of the set with this seed: those of [`listing::listing`], with rooms distributed over
+/// the `indoors` categories in turn, streets and parks over the `outdoors` ones.
 ///
 /// Categories are names of the official list. Panics if a list is empty.
 pub fn places_listing(
@@ -113,7 +113,8 @@ fn jpeg(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
         .map(|()| bytes)
 }
 
-/// Inverse depth scaled from the picture's least and largest value to 0 to 65535: scale and shift are lost, as in estimates.
+/// Inverse depth scaled from the picture's least and largest value to 0 to 65535: scale and shift are lost, as in
+/// estimates.
 fn relative_inverse(inverse_depth_per_m: &[f32]) -> Vec<u16> {
     let least = inverse_depth_per_m.iter().copied().fold(f32::MAX, f32::min);
     let most = inverse_depth_per_m.iter().copied().fold(0.0, f32::max);

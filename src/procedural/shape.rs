@@ -116,8 +116,7 @@ impl Solid {
     }
 }
 
-/// Parameters at which a ray enters and leaves a box; `low` and `high` are its corners seen from
-/// the ray's origin.
+/// Parameters at which a ray enters and leaves a box; `low` and `high` are its corners seen from the ray's origin.
 ///
 /// Uses comparisons instead of `f32::min`, one instruction each; the result for a ray exactly in a face is unspecified.
 #[inline]

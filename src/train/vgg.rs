@@ -78,7 +78,7 @@ impl Vgg {
         })
     }
 
-    /// `layer` returns kernel and bias of the convolution at an index, for the given numbers of outputs and inputs.
+    /// Builds the network. `layer` returns kernel and bias of a convolution, given its index, outputs and inputs.
     fn of<E: From<candle_core::Error>>(
         narrow: usize,
         device: &Device,
