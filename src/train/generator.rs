@@ -1,5 +1,5 @@
-//! The generator of Zhang, Ng and Chen (CVPR 2018): hypercolumn, dilated convolutions, adaptive norm. SP-net and BT-net
-//! have this architecture.
+//! The generator of Zhang, Ng and Chen (CVPR 2018), with hypercolumn, dilated convolutions and adaptive norm. SP-net
+//! and BT-net share the architecture.
 
 use super::ops::{NormOptions, Window, bilinear, conv2d, norm_act};
 use super::random::Stream;
@@ -28,8 +28,7 @@ pub struct GeneratorOptions {
 }
 
 pub struct Generator {
-    /// One per layer: (width, inputs, 1, 1) with features from coarse to fine, then R, G, B; later (width, width, 3,
-    /// 3).
+    /// The first is (width, inputs, 1, 1), inputs from coarse to fine and then RGB; others are (width, width, 3, 3).
     kernels: Vec<Var>,
     /// Parameters of each layer's adaptive norm, `by_itself x + by_norm (norm(x) + offset)`.
     by_itself: Vec<Var>,
@@ -158,7 +157,7 @@ pub(super) fn numbered(lists: &[(&str, &Vec<Var>)]) -> Vec<(String, Var)> {
     named
 }
 
-/// Function that reads a weight in a forward pass, with or without gradients.
+/// Function that reads a weight in a forward pass, with or without gradients to the weight.
 pub(super) type See = fn(&Var) -> Tensor;
 
 /// Reads a weight so that gradients flow to it.

@@ -46,16 +46,16 @@ pub trait Watcher {
 
 impl Watcher for () {}
 
-/// The result of a call.
+/// The result of [`Session::run`].
 #[derive(Clone, Debug, Serialize)]
 pub struct Trained {
     pub step: u64,
-    /// Number of steps of this call.
+    /// Number of steps of the call.
     #[serde(rename = "steps_taken")]
     pub taken: u64,
     /// Folder of the newest checkpoint, if any.
     pub checkpoint: Option<PathBuf>,
-    /// Loss of the last step of this call.
+    /// Loss of the last step of the call.
     pub loss: Option<f32>,
     /// Validation PSNR of the newest checkpoint, dB.
     pub validation_psnr_db: Option<f64>,
@@ -188,8 +188,7 @@ impl Session {
             let validated = if is_due { self.validate()? } else { None };
             metrics.add(self.step, &losses, validated, wall_s).map_err(write_error(csv.clone()))?;
             if is_due {
-                // Metrics become durable first: training does not repeat steps of a checkpoint, so a lost line stays
-                // lost.
+                // Metrics become durable first, because training does not repeat the steps of a checkpoint.
                 metrics.sync().map_err(write_error(csv.clone()))?;
                 self.write(validated, schedule, watcher)?;
             }
@@ -294,8 +293,7 @@ impl Session {
         Ok((count > 0).then(|| sum / f64::from(count)))
     }
 
-    /// Returns an example's input, the output, the ground truth and other layers; nothing if BT-net's layers are
-    /// missing.
+    /// Returns an example's input, the output, the ground truth and other layers; nothing if BT-net lacks a layer.
     fn made(&self, example: &Example) -> Result<Vec<Picture>, TrainError> {
         let picture = |planes: &Vec<f32>| Picture {
             rows: example.rows,

@@ -65,8 +65,7 @@ impl<'a> MatMut<'a> {
         Self { start: values.as_mut_ptr(), rows, columns, row_stride: columns, _of: PhantomData }
     }
 
-    /// Splits a row-major matrix into blocks of `width` columns (the last may be narrower) that threads write in
-    /// parallel.
+    /// Splits a row-major matrix into blocks of `width` columns for parallel writers. The last block may be narrower.
     pub(super) fn column_blocks(
         values: &'a mut [f32],
         rows: usize,

@@ -156,8 +156,7 @@ impl Sizes {
         });
     }
 
-    /// Applies the transpose of [`Self::unfold`]: adds each position's values to the image. `planes` holds only the
-    /// first `channels` planes.
+    /// Applies the transpose of [`Self::unfold`] to some channels: adds each position's values to their `planes`.
     pub(super) fn fold(&self, unfolded: &[f32], channels: usize, planes: &mut [f32]) {
         let mut lines = unfolded.chunks_exact(self.out_len());
         self.each_pixel(0..channels, |channel, kernel_row, kernel_column| {
