@@ -138,7 +138,6 @@ fn square(b: &mut Builder, night: f32, r: &mut Stream) -> Outlook {
     for side in [-1.0, 1.0] {
         street::row(b, side, half_m, [-4.0, depth_m - 4.0], night, r);
     }
-    // A fountain or a monument in the middle.
     b.start_piece();
     let middle = Frame::new(Vec3::new(r.range(-1.5, 1.5), 0.0, r.range(9.0, 12.0)), r.unit());
     monument(b, &middle, r);

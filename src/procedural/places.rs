@@ -1,5 +1,4 @@
-//! Writes photographs in the layout of PLACES365: JPEGs by category, and relative inverse depth as networks estimate
-//! it.
+//! Photographs in the layout of PLACES365: JPEGs by category, and relative inverse depth like that of networks.
 //!
 //! ```text
 //! DIR/data_256/LETTER/CATEGORY[/KIND]/00000001.jpg

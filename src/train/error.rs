@@ -14,7 +14,7 @@ pub enum TrainError {
     #[error("cannot lock {}: {source}", path.display())]
     Lock { path: PathBuf, source: std::io::Error },
     #[error(
-        "the separation stage begins with a BT-net, and {run} has none: train it first with `glasshouse train {run} --stage backtrack --steps S`, or do without its loss with --no-a-priori",
+        "the separation stage begins with a BT-net, and {run} has none: train it first with `glasshouse train {run} --stage backtrack --steps S`, or omit the a priori loss with --no-a-priori",
         run = run.display()
     )]
     NoBacktrack { run: PathBuf },

@@ -137,7 +137,7 @@ impl Evaluation {
         if let Some(gain) = &self.gain {
             let _ = writeln!(
                 notes,
-                "{}: their linear light times the best factor for {} of {}: the effect of brightness alone.",
+                "{}: linear light times the best factor for {} of {}, which shows the effect of brightness alone.",
                 gain.row_name(),
                 counted(gain.images, gain.kind),
                 gain.fitted_to,

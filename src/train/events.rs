@@ -5,7 +5,6 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// An open event file.
 pub(super) struct EventFile {
     file: File,
 }
@@ -82,7 +81,7 @@ impl EventFile {
         Ok(Self { file })
     }
 
-    /// Adds numbers of a step.
+    /// Adds scalars of a step.
     pub(super) fn scalars(&mut self, step: u64, values: &[(&str, f32)]) -> io::Result<()> {
         let mut summary = Vec::new();
         for (tag, value) in values {

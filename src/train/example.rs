@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cut_is_a_window_of_every_layer_and_may_be_mirrored() {
+    fn cuts_crop_and_mirror_every_layer() {
         let planes: Planes = (0..3 * 4 * 5).map(|k| k as f32).collect();
         let example = Example {
             rows: 4,

@@ -11,7 +11,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// Largest short edge of scaled real photographs, in sides of the crop (Zhang et al.: 479 / 256).
+/// Largest short edge of scaled real photographs, relative to the side of the crop (Zhang et al.: 479 / 256).
 const LARGEST: f64 = 479.0 / 256.0;
 
 /// Interval between checks for a missing tuple.
@@ -39,7 +39,7 @@ struct Kept {
     bases: HashMap<(bool, usize), Arc<Base>>,
 }
 
-/// Returns the examples of any step.
+/// Reader of the examples of every step.
 pub struct ExampleSampler {
     settings: TrainSettings,
     scenes: SceneSource,
@@ -88,7 +88,7 @@ impl ExampleSampler {
         })
     }
 
-    /// Returns the examples of a step, all of one size and either all real or all of scenes.
+    /// Returns the examples of a step, all of one size, and all from real pairs or all from scenes.
     pub fn examples(&self, step: u64) -> Result<Vec<Example>, ExampleError> {
         let batch = self.settings.batch as u64;
         let real_before = share_of(step, self.settings.real_share);
@@ -146,7 +146,7 @@ impl ExampleSampler {
         }))
     }
 
-    /// Returns the scene at a position of the endless sequence, or the next usable scene if this one is not usable.
+    /// Returns the example at a position of the endless sequence of scenes, or the next usable example.
     fn scene_example(&self, position: u64, stream: &mut Stream) -> Result<Example, ExampleError> {
         let count = self.scenes.len();
         for further in 0..count as u64 {

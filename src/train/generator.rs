@@ -28,7 +28,7 @@ pub struct GeneratorOptions {
 }
 
 pub struct Generator {
-    /// The first is (width, inputs, 1, 1), inputs from coarse to fine and then RGB; others are (width, width, 3, 3).
+    /// The first is (width, inputs, 1, 1): features from coarse to fine, then RGB. Others are (width, width, 3, 3).
     kernels: Vec<Var>,
     /// Parameters of each layer's adaptive norm, `by_itself x + by_norm (norm(x) + offset)`.
     by_itself: Vec<Var>,

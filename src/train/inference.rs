@@ -25,7 +25,7 @@ pub struct Networks<'a> {
 }
 
 impl Networks<'_> {
-    /// Computes T* and R~* of an image, clamped to [0, 1]. Splits images larger than `tile_px` squared into overlapping
+    /// Computes T* and R~* of an image, clamped to [0, 1]. Splits images larger than `tile_px` a side into overlapping
     /// tiles and normalises each tile separately.
     pub fn separate(&self, image: &Picture, tile_px: usize) -> Result<[Picture; 2]> {
         let Some(separation) = self.separation else {

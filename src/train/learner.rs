@@ -19,7 +19,7 @@ pub struct Learner {
     /// SP-net; `None` in the backtrack stage.
     pub separation: Option<Generator>,
     pub backtrack: Generator,
-    /// Distinguishes R from R*, given R~, or T from T*, given I.
+    /// Discriminator of R and R*, given R~, or of T and T*, given I.
     pub discriminator: Option<Discriminator>,
     pub generator_adam: Adam,
     pub discriminator_adam: Option<Adam>,

@@ -45,7 +45,7 @@ impl Metrics {
         self.file.sync_data()
     }
 
-    /// Adds a line. Absent numbers are empty.
+    /// Adds a line. Absent numbers become empty fields.
     pub(super) fn add(
         &mut self,
         step: u64,

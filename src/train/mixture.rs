@@ -32,7 +32,7 @@ pub struct Mixture {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MixtureError {
     #[error(
-        "front has {} x {} px and {} values, back {} x {} px and {}; give two pictures of one size with three values a pixel",
+        "front has {} x {} px and {} values, back has {} x {} px and {}; give two pictures of one size with three values per pixel",
         front[0], front[1], front[2], back[0], back[1], back[2]
     )]
     Sizes {
@@ -47,12 +47,12 @@ pub enum MixtureError {
     TooLarge { columns: usize, rows: usize },
 }
 
-/// Recipe of a mixture.
+/// Recipe of mixtures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MixtureRecipe {
-    /// [`zhang`]
+    /// Recipe of [`zhang`].
     Zhang,
-    /// [`ceilnet`]
+    /// Recipe of [`ceilnet`].
     Ceilnet,
 }
 

@@ -42,7 +42,7 @@ pub(super) fn lock(folder: &Path) -> Result<File, TrainError> {
 }
 
 impl Beginning {
-    /// Finds the checkpoints and warns of damaged ones.
+    /// Finds the checkpoints and warns of damaged checkpoints.
     pub(super) fn find(
         run: &Path,
         stage: Stage,
@@ -126,7 +126,7 @@ impl Beginning {
             check_origin(own, &origin)?;
             if own.state.code_path != code_path() {
                 watcher.warning(&format!(
-                    "the checkpoint was computed with {} instructions, this machine has {}: the last bits will differ from here on",
+                    "the checkpoint was computed with {} instructions, but this machine has {}: the last bits will differ",
                     own.state.code_path,
                     code_path()
                 ));

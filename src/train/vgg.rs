@@ -67,8 +67,8 @@ impl Vgg {
         })
     }
 
-    /// Initialises weights from a seed (He et al., standard deviation sqrt(2 / inputs)). They suit the feature loss
-    /// nearly as well, but their features carry little meaning.
+    /// Initialises weights from a seed (He et al., standard deviation sqrt(2 / inputs)). Random features suit the
+    /// feature loss nearly as well, but carry little meaning.
     pub fn random(seed: u64, narrow: usize, device: &Device) -> Result<Self> {
         Self::of(narrow, device, |place, [width, channels]| {
             let deviation = (2.0 / (9 * channels) as f64).sqrt();

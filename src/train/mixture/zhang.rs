@@ -115,8 +115,8 @@ fn darken(reflected: &mut [f64], transmitted: &[f64], attenuation: f64) {
     }
 }
 
-/// Returns `count` values from `start` of one side of the vignette, which is the product of its two sides: square roots
-/// of a Gaussian's shares in equal cells, with a maximum of 1.
+/// Returns `count` values, from index `start`, of the vignette along one axis; the vignette is the product over both
+/// axes. Values are square roots of a Gaussian's shares in equal cells, with a maximum of 1.
 fn vignette(start: usize, count: usize) -> Vec<f64> {
     let width = (2.0 * VIGNETTE_SIGMAS + 1.0) / VIGNETTE_PX as f64;
     let (first, last) = (-VIGNETTE_SIGMAS - width / 2.0, VIGNETTE_SIGMAS + width / 2.0);

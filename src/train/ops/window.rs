@@ -98,7 +98,7 @@ impl Sizes {
         fit.max(1).min(self.out[0].div_ceil(4)).max(1)
     }
 
-    /// Returns the result columns that find `kernel_column` inside the image, and the image column of the first.
+    /// Returns the result columns with `kernel_column` inside the image, and the image column of the first of them.
     fn inside(&self, kernel_column: usize) -> (Range<usize>, usize) {
         let offset = (kernel_column * self.window.dilation) as isize - self.window.padding as isize;
         let (stride, width) = (self.window.stride, self.image[1] as isize);
