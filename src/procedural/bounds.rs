@@ -5,20 +5,20 @@ use super::shape::{Solid, slabs};
 use glam::Vec3;
 
 const LEAF_COUNT: usize = 3;
-/// From this depth on, ranges are halved, so that no tree exceeds the stack.
+/// Depth from which nodes split in the middle, so that no traversal exceeds its stack.
 const MAX_DEPTH: usize = 48;
 
 #[derive(Clone, Copy, Debug)]
 struct Node {
     low: Vec3,
     high: Vec3,
-    /// Leaf: first solid of the range. Inner node: the second child (the first one follows it).
+    /// First solid of a leaf, or second child of an inner node (the first child follows the node).
     first: u32,
-    /// Solids of a leaf; 0 for an inner node.
+    /// Number of solids of a leaf; 0 for an inner node.
     count: u32,
 }
 
-/// The solids that cast shadows, sorted for queries.
+/// The solids that cast shadows, in a hierarchy of boxes.
 #[derive(Debug)]
 pub(super) struct Bounds {
     nodes: Vec<Node>,
@@ -36,7 +36,7 @@ impl Bounds {
         Self { nodes, solids: casting }
     }
 
-    /// Whether a solid occludes the ray before `t_max`.
+    /// True if a solid occludes the ray before `t_max`.
     pub(super) fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
         if self.nodes.is_empty() {
             return false;
@@ -88,7 +88,7 @@ fn split(solids: &mut [Solid], first: u32, depth: usize, nodes: &mut Vec<Node>) 
     split(right, first + middle as u32, depth + 1, nodes);
 }
 
-/// Axis and position of the split with the least surface area weighted by solids.
+/// Returns axis and position of the split with the least sum of surface area times number of solids.
 fn best_split(solids: &mut [Solid], depth: usize) -> (usize, usize) {
     let count = solids.len();
     if depth >= MAX_DEPTH {

@@ -1,4 +1,4 @@
-//! Adds solids in the local axes of a piece of furniture, a wall, a car.
+//! Construction of solids in local axes: those of a piece of furniture, a wall or a car.
 
 use super::material::Material;
 use super::shape::{Shape, Solid};
@@ -12,7 +12,7 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// At `origin`, turned to the right by `yaw_rad`.
+    /// Creates axes at `origin`, rotated to the right by `yaw_rad`.
     pub(super) fn new(origin: Vec3, yaw_rad: f32) -> Self {
         Self { origin, axes: turned(yaw_rad) }
     }
@@ -21,12 +21,12 @@ impl Frame {
         Self::new(Vec3::ZERO, 0.0)
     }
 
-    /// Local axes at a point of these, rotated further.
+    /// Returns axes at a local point, rotated further to the right by `yaw_rad`.
     pub(super) fn at(&self, x: f32, y: f32, z: f32, yaw_rad: f32) -> Self {
         Self { origin: self.point(Vec3::new(x, y, z)), axes: self.axes * turned(yaw_rad) }
     }
 
-    /// World coordinates of a local point.
+    /// Returns the world coordinates of a local point.
     pub(super) fn point(&self, p: Vec3) -> Vec3 {
         self.origin + self.axes * p
     }
@@ -37,7 +37,7 @@ fn turned(yaw_rad: f32) -> Mat3 {
     Mat3::from_cols(Vec3::new(c, 0.0, -s), Vec3::Y, Vec3::new(s, 0.0, c))
 }
 
-/// Collects the solids of a place.
+/// The solids and bulbs of a place.
 #[derive(Debug, Default)]
 pub(super) struct Builder {
     pub(super) solids: Vec<Solid>,
@@ -49,13 +49,13 @@ pub(super) struct Builder {
 }
 
 impl Builder {
-    /// Starts a piece, which [`Self::clear_around`] removes as a whole.
+    /// Starts a piece: solids that [`Self::clear_around`] removes together.
     pub(super) fn start_piece(&mut self) {
         self.group_count += 1;
         self.group = self.group_count;
     }
 
-    /// Starts solids of the place itself, which are never removed.
+    /// Starts solids of the place itself, which [`Self::clear_around`] never removes.
     pub(super) fn start_place(&mut self) {
         self.group = 0;
     }
@@ -65,7 +65,7 @@ impl Builder {
         self.lamps.push(frame.point(at.into()));
     }
 
-    /// Positions of the bulbs that emit light.
+    /// Returns the positions of the bulbs that emit light.
     pub(super) fn lit_lamps(&self) -> &[Vec3] {
         if self.lamps_on { &self.lamps } else { &[] }
     }
@@ -95,25 +95,25 @@ impl Builder {
         });
     }
 
-    /// A box by its centre and sizes.
+    /// Adds a box, given its centre and size.
     pub(super) fn block(&mut self, frame: &Frame, centre: [f32; 3], size: [f32; 3], m: Material) {
         let half = Vec3::from(size) * 0.5;
         self.push(frame, centre.into(), frame.axes, Shape::Block(half), m);
     }
 
-    /// A box with its own texture origin in its centre.
+    /// Adds a box with the texture's origin at its centre.
     pub(super) fn panel(&mut self, frame: &Frame, centre: [f32; 3], size: [f32; 3], m: Material) {
         let [x, y, z] = centre;
         self.block(&frame.at(x, y, z, 0.0), [0.0; 3], size, m);
     }
 
-    /// An ellipsoid by its centre and radii.
+    /// Adds an ellipsoid, given its centre and radii.
     pub(super) fn ball(&mut self, frame: &Frame, centre: [f32; 3], radii: [f32; 3], m: Material) {
         let shape = Shape::Ellipsoid(radii.into());
         self.push(frame, centre.into(), frame.axes, shape, m);
     }
 
-    /// A ragged ellipsoid of leaves.
+    /// Adds a ragged ellipsoid of leaves.
     pub(super) fn foliage(
         &mut self,
         frame: &Frame,
@@ -125,7 +125,7 @@ impl Builder {
         self.push(frame, centre.into(), frame.axes, shape, m);
     }
 
-    /// An upright round post from its foot: radii at the foot and at the top.
+    /// Adds an upright round post, given its foot and its radii at the foot and at the top.
     pub(super) fn post(
         &mut self,
         frame: &Frame,
@@ -140,7 +140,7 @@ impl Builder {
         self.push(frame, centre, frame.axes, shape, m);
     }
 
-    /// A round rod between two points: radii at both ends.
+    /// Adds a round rod between two points, given its radii at both ends.
     pub(super) fn rod(
         &mut self,
         frame: &Frame,
@@ -155,7 +155,7 @@ impl Builder {
         self.push(frame, 0.5 * (from + to), axes, shape, m);
     }
 
-    /// A flat leaf between two points.
+    /// Adds a flat leaf between two points.
     pub(super) fn leaf(
         &mut self,
         frame: &Frame,
@@ -172,7 +172,7 @@ impl Builder {
     }
 }
 
-/// Axes whose y points along `d`.
+/// Returns axes with y along `d`.
 fn along(d: Vec3) -> Mat3 {
     let y = d.normalize();
     let side = if y.x.abs() < 0.9 { Vec3::X } else { Vec3::Z };

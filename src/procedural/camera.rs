@@ -1,9 +1,9 @@
-//! The capture camera: DIODE's intrinsics and a pose.
+//! The capture camera: intrinsics as in DIODE or for PLACES365, and a pose.
 
 use glam::Vec3;
 use render::line::Intrinsics;
 
-/// DIODE's intrinsics, scaled from 1024 x 768 to this size.
+/// Returns DIODE's intrinsics, scaled from 1024 x 768 px to this size.
 pub fn intrinsics(width: u32, height: u32) -> Intrinsics {
     let (sx, sy) = (f64::from(width) / 1024.0, f64::from(height) / 768.0);
     Intrinsics {
@@ -15,7 +15,7 @@ pub fn intrinsics(width: u32, height: u32) -> Intrinsics {
     }
 }
 
-/// A field of view of 60 degrees across and down, which the paper's recipe assumes for PLACES365.
+/// Returns a field of view of 60 degrees in both directions, which the paper's recipe assumes for PLACES365.
 pub fn places_intrinsics(width: u32, height: u32) -> Intrinsics {
     let (w, h) = (f64::from(width), f64::from(height));
     // 0.5 / tan(30 degrees)
@@ -29,7 +29,7 @@ pub fn places_intrinsics(width: u32, height: u32) -> Intrinsics {
     }
 }
 
-/// A ray; `direction` need not have length 1.
+/// A ray. `direction` may have any length.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
     pub(super) origin: Vec3,
@@ -42,7 +42,7 @@ impl Ray {
     }
 }
 
-/// A camera's pose: y is up in the world.
+/// A camera's pose. The world's y axis points up.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pose {
     pub(super) position: Vec3,
@@ -52,7 +52,7 @@ pub(super) struct Pose {
 }
 
 impl Pose {
-    /// Looking along +z, turned to the right by `yaw_rad`, then up by `pitch_rad`.
+    /// Creates a pose that looks along +z, rotated to the right by `yaw_rad` and up by `pitch_rad`.
     pub(super) fn new(position: Vec3, yaw_rad: f32, pitch_rad: f32) -> Self {
         let (sy, cy) = libm::sincosf(yaw_rad);
         let (sp, cp) = libm::sincosf(pitch_rad);
@@ -80,7 +80,7 @@ impl Camera {
         Self { pose, fx: i.fx as f32, fy: i.fy as f32, cx: i.cx as f32, cy: i.cy as f32 }
     }
 
-    /// Ray through the image point (u, v), in pixels. Its parameter is the depth along the axis.
+    /// Returns the ray through the image point (u, v), px. The ray's parameter is the depth along the optical axis.
     pub(super) fn ray(&self, u: f32, v: f32) -> Ray {
         let (x, y) = ((u - self.cx) / self.fx, (self.cy - v) / self.fy);
         Ray {
@@ -89,7 +89,7 @@ impl Camera {
         }
     }
 
-    /// The point in camera axes: right, up, ahead.
+    /// Returns a point in camera axes: right, up, ahead.
     pub(super) fn local(&self, point: Vec3) -> Vec3 {
         let d = point - self.pose.position;
         Vec3::new(d.dot(self.pose.right), d.dot(self.pose.up), d.dot(self.pose.ahead))

@@ -7,7 +7,7 @@ use super::random::Stream;
 use super::sky::Sky;
 use glam::Vec3;
 
-/// A wall: its frame looks into the room, x runs along it from its middle.
+/// A wall. Its frame has the origin in the middle of the wall's foot, x along the wall and z into the room.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wall {
     pub(super) frame: Frame,
@@ -15,7 +15,7 @@ pub(super) struct Wall {
     pub(super) window: Option<Hole>,
 }
 
-/// An opening in a wall: middle along the wall, sill, sizes.
+/// An opening in a wall: centre along the wall, height of the sill, width and height, m.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hole {
     pub(super) x: f32,
@@ -24,7 +24,7 @@ pub(super) struct Hole {
     pub(super) h: f32,
 }
 
-/// Daylight through the windows of `walls`, sunlight through wall number `lit`, and lit lamps.
+/// Returns daylight through the windows of `walls`, sunlight through wall number `lit`, and the light of `lamps`.
 pub(super) fn lights(
     walls: &[Wall],
     lit: usize,
@@ -39,7 +39,7 @@ pub(super) fn lights(
             let o = wall.window?;
             let axes = &wall.frame.axes;
             Some(Opening {
-                // Outside of frame and bars, so that they cast shadows.
+                // The opening is outside of frame and bars, so that they cast shadows.
                 centre: wall.frame.point(Vec3::new(o.x, o.sill + 0.5 * o.h, -0.14)),
                 half_u: axes.x_axis * (0.5 * o.w),
                 half_v: axes.y_axis * (0.5 * o.h),
@@ -79,7 +79,7 @@ pub(super) fn lights(
     }
 }
 
-/// The sky outside the windows.
+/// Returns the sky outside the windows.
 pub(super) fn sky(evening: bool, r: &mut Stream) -> Sky {
     let dim = if evening { 0.1 } else { 1.6 };
     Sky {

@@ -1,4 +1,4 @@
-//! Writes photographs in DIODE's layout: a PNG, a depth `.npy`, a mask `.npy`.
+//! Files of photographs in DIODE's layout: a PNG, a depth `.npy`, a mask `.npy`.
 
 use super::listing::SamplePhotograph;
 use super::render::{Rgbd, render};
@@ -7,10 +7,10 @@ use image::{ExtendedColorType, ImageEncoder};
 use render::atomic_file::{self, WriteError};
 use std::path::{Path, PathBuf};
 
-/// Bytes before the data of a `.npy` file.
+/// Length of the header of a `.npy` file, bytes.
 const NPY_HEADER_BYTES: usize = 128;
 
-/// A procedural photograph could not be written.
+/// Errors of writing a procedural photograph.
 #[derive(Debug, thiserror::Error)]
 pub enum SampleError {
     #[error(transparent)]
@@ -19,7 +19,7 @@ pub enum SampleError {
     Code { path: PathBuf, source: image::ImageError },
 }
 
-/// Whether all three files of `photograph` exist under `root`.
+/// True if all three files of `photograph` exist under `root`.
 pub fn is_written(root: &Path, photograph: &SamplePhotograph) -> bool {
     [photograph.color_path(), photograph.depth_path(), photograph.mask_path()]
         .iter()
@@ -29,11 +29,11 @@ pub fn is_written(root: &Path, photograph: &SamplePhotograph) -> bool {
 /// The bytes of a photograph's three files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SampleFiles {
-    /// PNG, sRGB.
+    /// Colour as sRGB in a PNG.
     pub color: Vec<u8>,
-    /// `.npy`, metres along the axis.
+    /// Depth along the optical axis, m, as `.npy`.
     pub depth: Vec<u8>,
-    /// `.npy`, 1 where the depth is valid.
+    /// Mask as `.npy`: 1 where the depth is valid.
     pub mask: Vec<u8>,
 }
 
@@ -80,7 +80,7 @@ fn png(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
         .map(|()| bytes)
 }
 
-/// NumPy format 1.0, little-endian `f32`, C order, data after 128 bytes.
+/// Encodes values in NumPy format 1.0: little-endian `f32`, C order, data after 128 bytes.
 fn npy(shape: &str, values: &[f32]) -> Vec<u8> {
     let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}");
     let text_bytes = NPY_HEADER_BYTES - 10;
@@ -101,7 +101,7 @@ mod tests {
     use std::fs;
 
     #[test]
-    fn the_three_files_are_read_back_by_independent_readers() {
+    fn independent_readers_read_all_three_files() {
         let dir = tempfile::tempdir().unwrap();
         let photograph = &listing(2, 5)[1];
         assert!(!is_written(dir.path(), photograph));

@@ -7,7 +7,7 @@ use super::random::Stream;
 use super::style::{Style, accent};
 use glam::{Vec2, Vec3};
 
-/// A standing lamp.
+/// Builds a floor lamp.
 pub(super) fn floor_lamp(b: &mut Builder, f: &Frame, style: &Style) {
     b.post(f, [0.0; 3], [0.15, 0.14], 0.025, style.metal);
     b.post(f, [0.0; 3], [0.012, 0.012], 1.45, style.metal);
@@ -15,7 +15,7 @@ pub(super) fn floor_lamp(b: &mut Builder, f: &Frame, style: &Style) {
     b.lamp(f, [0.0, 1.5, 0.0]);
 }
 
-/// A lamp on a table.
+/// Builds a table lamp.
 pub(super) fn table_lamp(b: &mut Builder, f: &Frame, style: &Style) {
     b.post(f, [0.0; 3], [0.08, 0.05], 0.05, style.accent);
     b.ball(f, [0.0, 0.12, 0.0], [0.07, 0.09, 0.07], style.accent.glossy(0.05));
@@ -24,7 +24,7 @@ pub(super) fn table_lamp(b: &mut Builder, f: &Frame, style: &Style) {
     b.lamp(f, [0.0, 0.36, 0.0]);
 }
 
-/// A lamp hanging from a ceiling of height `ceiling` to `y`.
+/// Builds a lamp that hangs from a ceiling at height `ceiling` down to height `y`.
 pub(super) fn pendant(b: &mut Builder, f: &Frame, y: f32, ceiling: f32, style: &Style) {
     b.post(f, [0.0, y, 0.0], [0.006, 0.006], ceiling - y, style.metal);
     shade(b, f, [0.0, y - 0.1, 0.0], [0.24, 0.07], 0.2);
@@ -40,7 +40,7 @@ fn shade(b: &mut Builder, f: &Frame, foot: [f32; 3], radii: [f32; 2], h: f32) {
     b.post(f, foot, radii, h, cloth);
 }
 
-/// A potted plant of this height.
+/// Builds a potted plant of this height.
 pub(super) fn plant(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream) {
     let clay = plain(r.pick(&[0xb5673f, 0xd8d3c6, 0x4a5258, 0x7d8f8a]));
     let pot = 0.26 * height.min(1.1);
@@ -61,7 +61,7 @@ pub(super) fn plant(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream) {
     }
 }
 
-/// A framed picture on a wall, its centre at the frame's origin.
+/// Builds a framed picture on a wall, with its centre at the origin of `f`.
 pub(super) fn picture(b: &mut Builder, f: &Frame, [w, h]: [f32; 2], style: &Style, r: &mut Stream) {
     let canvas = Pattern::Picture(Vec2::new(0.5 * w, 0.5 * h));
     let paint = Material::new(canvas, accent(r), accent(r), r.seed());
@@ -73,7 +73,7 @@ pub(super) fn picture(b: &mut Builder, f: &Frame, [w, h]: [f32; 2], style: &Styl
     }
 }
 
-/// A closed door in a wall, its foot at the frame's origin.
+/// Builds a closed door in a wall, with its foot at the origin of `f`.
 pub(super) fn door(b: &mut Builder, f: &Frame, style: &Style) {
     let (w, h) = (0.88, 2.05);
     b.block(f, [0.0, 0.5 * h, 0.015], [w, h, 0.03], style.paint);
@@ -89,7 +89,7 @@ pub(super) fn door(b: &mut Builder, f: &Frame, style: &Style) {
     b.rod(f, [0.4, 1.02, 0.03], [0.4, 1.02, 0.09], [0.012, 0.012], style.metal);
 }
 
-/// Frame, bars and curtains of a window whose opening is `w` by `h`, its centre at the origin.
+/// Builds frame, bars and curtains of a window with an opening of `w` by `h`, with its centre at the origin of `f`.
 pub(super) fn window(b: &mut Builder, f: &Frame, [w, h]: [f32; 2], style: &Style, r: &mut Stream) {
     let white = plain(0xece9e2);
     for side in [-0.5, 0.5] {
@@ -126,7 +126,7 @@ pub(super) fn window(b: &mut Builder, f: &Frame, [w, h]: [f32; 2], style: &Style
     }
 }
 
-/// Cardboard boxes on top of each other, and a ball beside them.
+/// Builds a stack of cardboard boxes and a ball beside the stack.
 pub(super) fn boxes(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let mut y = 0.0;
     for _ in 0..=r.index(3) {

@@ -1,4 +1,4 @@
-//! Furniture, lamps, pictures and plants of a room, set out by its kind.
+//! Furniture, lamps, pictures and plants of a room, arranged by the kind of room.
 
 use super::build::{Builder, Frame};
 use super::daylight::Wall;
@@ -20,7 +20,7 @@ pub(super) enum Kind {
     Kitchen,
 }
 
-/// A room before it is furnished.
+/// An unfurnished room.
 pub(super) struct Room<'a> {
     pub(super) kind: Kind,
     pub(super) walls: &'a [Wall],
@@ -28,11 +28,11 @@ pub(super) struct Room<'a> {
     pub(super) style: &'a Style,
     /// The point on the floor that the camera faces.
     pub(super) focus: Vec3,
-    /// The half of the back wall without a window: sign of the wall's x.
+    /// Half of the back wall without a window, as the sign of the wall's x.
     pub(super) free: f32,
 }
 
-/// Furnishes a room. Another order of the draws would change the pictures.
+/// Furnishes a room. The order of the draws determines the pictures.
 pub(super) fn furnish(b: &mut Builder, room: &Room, r: &mut Stream) {
     b.start_piece();
     match room.kind {
@@ -53,7 +53,7 @@ pub(super) fn furnish(b: &mut Builder, room: &Room, r: &mut Stream) {
     }
 }
 
-/// A low table, two sofas, a standing lamp.
+/// Places a low table, two sofas and a floor lamp.
 fn living(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
@@ -74,7 +74,7 @@ fn living(b: &mut Builder, room: &Room, r: &mut Stream) {
     fit::floor_lamp(b, &at, style);
 }
 
-/// A table with chairs below a pendant lamp.
+/// Places a table with chairs below a pendant lamp.
 fn dining(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
@@ -94,7 +94,7 @@ fn dining(b: &mut Builder, room: &Room, r: &mut Stream) {
     fit::pendant(b, &f.at(0.0, 0.0, 0.2, 0.0), r.range(1.6, 1.75), room.size[1], style);
 }
 
-/// A desk with a lamp, a chair, boxes.
+/// Places a desk with a lamp, a chair and boxes.
 fn study(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
@@ -108,11 +108,12 @@ fn study(b: &mut Builder, room: &Room, r: &mut Stream) {
     fit::boxes(b, &f.at(r.range(0.75, 1.0), 0.0, -0.3, 0.4), r);
 }
 
-/// A bed against the back wall, between bedside tables.
+/// Places a bed against the back wall, between bedside tables.
 fn bedroom(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
     let back = &room.walls[0].frame;
+    // The wall's x axis points opposite to the world's.
     let at = back.at(-room.focus.x, 0.0, 0.03, r.range(-0.03, 0.03));
     piece::bed(b, &at, style, r);
     for side in [-1.15, 1.15] {
@@ -133,7 +134,7 @@ fn bedroom(b: &mut Builder, room: &Room, r: &mut Stream) {
     );
 }
 
-/// Units along the back wall and an island with chairs.
+/// Places units along the back wall and an island with chairs.
 fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
@@ -157,12 +158,11 @@ fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream) {
     }
 }
 
-/// Bookcases, chests, doors and pictures along the back wall.
+/// Places bookcases, chests, doors and pictures along the back wall.
 fn back_wall(b: &mut Builder, room: &Room, r: &mut Stream) {
     let w = room.size[0];
     let style = room.style;
     let back = &room.walls[0].frame;
-    // The wall's x runs against the world's.
     let free_x = room.free * 0.24 * w;
     if matches!(room.kind, Kind::Living | Kind::Dining | Kind::Study) {
         let has_window = room.walls[0].window.is_some();
@@ -194,13 +194,13 @@ fn back_wall(b: &mut Builder, room: &Room, r: &mut Stream) {
     }
 }
 
-/// Furniture, doors and pictures along the two side walls.
+/// Places furniture, doors and pictures along the two side walls.
 fn side_walls(b: &mut Builder, room: &Room, r: &mut Stream) {
     let d = room.size[2];
     let style = room.style;
     for wall in [1, 2] {
         let f = &room.walls[wall].frame;
-        // On the left wall x runs towards the camera, on the right one away from it.
+        // The left wall's x axis points towards the camera, the right wall's away from the camera.
         let away = if wall == 1 { -1.0 } else { 1.0 };
         let mut places = vec![0.33 * d, -0.02 * d];
         if let Some(o) = room.walls[wall].window {
@@ -229,7 +229,7 @@ fn side_walls(b: &mut Builder, room: &Room, r: &mut Stream) {
     }
 }
 
-/// Plants in the corners and near the middle of the view.
+/// Places plants in the corners and near the middle of the view.
 fn plants(b: &mut Builder, room: &Room, r: &mut Stream) {
     let [w, _, d] = room.size;
     for side in [-1.0, 1.0] {

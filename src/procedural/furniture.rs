@@ -1,4 +1,4 @@
-//! Pieces of furniture, on the floor at the frame's origin, facing +z.
+//! Pieces of furniture, which stand on the floor at the frame's origin and face +z.
 
 use super::build::{Builder, Frame};
 use super::material::{Material, color, plain};
@@ -7,7 +7,7 @@ use super::random::Stream;
 use super::style::{Style, accent};
 use glam::Vec2;
 
-/// A table with four legs.
+/// Builds a table with four legs.
 pub(super) fn table(b: &mut Builder, f: &Frame, size: [f32; 3], top: Material, legs: Material) {
     let [w, h, d] = size;
     b.block(f, [0.0, h - 0.02, 0.0], [w, 0.04, d], top.glossy(0.03));
@@ -18,7 +18,7 @@ pub(super) fn table(b: &mut Builder, f: &Frame, size: [f32; 3], top: Material, l
     }
 }
 
-/// Small objects on a table top of height `h`, spread over `w` by `d`.
+/// Spreads small objects over `w` by `d` of a table top at height `h`.
 pub(super) fn things(
     b: &mut Builder,
     f: &Frame,
@@ -70,7 +70,7 @@ pub(super) fn things(
     }
 }
 
-/// A vase with twigs.
+/// Builds a vase with twigs.
 fn vase(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let clay = Material::plain(accent(r)).glossy(0.05);
     b.post(f, [0.0; 3], [0.045, 0.075], 0.12, clay);
@@ -97,7 +97,7 @@ pub(super) fn chair(b: &mut Builder, f: &Frame, wood: Material, seat: Material) 
     }
 }
 
-/// A sofa of this width, with cushions.
+/// Builds a sofa of this width, with cushions.
 pub(super) fn sofa(b: &mut Builder, f: &Frame, width: f32, cloth: Material, r: &mut Stream) {
     let w = width;
     b.block(f, [0.0, 0.22, 0.0], [w, 0.24, 0.85], cloth);
@@ -125,7 +125,7 @@ pub(super) fn sofa(b: &mut Builder, f: &Frame, width: f32, cloth: Material, r: &
     }
 }
 
-/// A bookcase with its back at z = 0.
+/// Builds a bookcase with its back at z = 0.
 pub(super) fn bookcase(
     b: &mut Builder,
     f: &Frame,
@@ -183,7 +183,7 @@ pub(super) fn bookcase(
     }
 }
 
-/// A chest of drawers or doors with its back at z = 0.
+/// Builds a chest of drawers, or a cupboard if it has one row, with its back at z = 0.
 pub(super) fn chest(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], rows: usize, style: &Style) {
     b.block(f, [0.0, 0.5 * h + 0.04, 0.5 * d], [w, h - 0.08, d], style.paint);
     b.block(f, [0.0, h, 0.5 * d], [w + 0.04, 0.035, d + 0.03], style.wood);
@@ -201,7 +201,7 @@ pub(super) fn chest(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], rows: usize
     }
 }
 
-/// A bed with its head at z = 0, and bedside tables.
+/// Builds a bed with its head at z = 0.
 pub(super) fn bed(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
     b.block(f, [0.0, 0.55, 0.03], [1.7, 1.1, 0.06], style.wood);
     b.block(f, [0.0, 0.2, 1.05], [1.62, 0.22, 2.0], style.wood);
@@ -216,7 +216,7 @@ pub(super) fn bed(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
     }
 }
 
-/// A desk whose screen faces +z.
+/// Builds a desk with a screen that faces +z.
 pub(super) fn desk(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
     table(b, f, [1.4, 0.74, 0.65], style.wood, style.metal);
     let black = plain(0x1d2126).glossy(0.05);
@@ -231,7 +231,7 @@ pub(super) fn desk(b: &mut Builder, f: &Frame, style: &Style, r: &mut Stream) {
     things(b, &f.at(-0.5, 0.0, 0.0, 0.0), [0.3, 0.74, 0.4], 2, r);
 }
 
-/// Kitchen units of this length along a wall, with cupboards above.
+/// Builds kitchen units of this length along a wall, with wall cupboards.
 pub(super) fn kitchen(b: &mut Builder, f: &Frame, length: f32, style: &Style, r: &mut Stream) {
     chest(b, f, [length, 0.9, 0.58], 1, style);
     let tiles = Material::new(Pattern::Tiles(0.12), color(0xe6e4dc), color(0xb9b5aa), r.seed());

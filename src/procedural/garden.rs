@@ -13,7 +13,7 @@ fn bright(r: &mut Stream) -> Vec3 {
     ]))
 }
 
-/// A car of 4.2 m; its front points to +z.
+/// Builds a car, 4.2 m long, with its front towards +z.
 pub(super) fn car(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let body = Material::plain(bright(r)).glossy(0.07);
     let mut glass = plain(0x20282e).glossy(0.12);
@@ -24,7 +24,7 @@ pub(super) fn car(b: &mut Builder, f: &Frame, r: &mut Stream) {
     b.block(f, [0.0, 0.4, 0.0], [1.7, 0.24, 4.2], black);
     b.rod(f, [-0.86, 0.72, 1.9], [0.86, 0.72, 1.9], [0.14, 0.14], body);
     b.rod(f, [-0.86, 0.72, -1.92], [0.86, 0.72, -1.92], [0.14, 0.14], body);
-    // The cabin is a stretched frustum: glass below, a roof on top.
+    // The cabin is a box of glass with stepped front and rear windows, pillars and a roof.
     let cabin = 0.46 + tall;
     b.block(f, [0.0, 0.83 + 0.5 * cabin, -0.35], [1.5, cabin, 1.75], glass);
     for (z, to) in [(0.98, 0.45), (-1.7, -1.15)] {
@@ -59,7 +59,7 @@ pub(super) fn car(b: &mut Builder, f: &Frame, r: &mut Stream) {
     b.panel(f, [0.0, 0.55, -2.08], [0.52, 0.12, 0.02], plate);
 }
 
-/// A street lamp; its arm points to +x.
+/// Builds a street lamp with its arm towards +x.
 pub(super) fn lamp_post(b: &mut Builder, f: &Frame) {
     let metal = plain(0x3c4447).glossy(0.05);
     b.post(f, [0.0; 3], [0.1, 0.08], 0.7, metal);
@@ -71,7 +71,7 @@ pub(super) fn lamp_post(b: &mut Builder, f: &Frame) {
     b.lamp(f, [1.0, 4.55, 0.0]);
 }
 
-/// A standing or walking person.
+/// Builds a standing or walking person.
 pub(super) fn person(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let coat = Material::plain(bright(r));
     let trousers = plain(r.pick(&[0x2a3140, 0x4a4438, 0x22242a, 0x5f6a78]));
@@ -98,7 +98,7 @@ pub(super) fn person(b: &mut Builder, f: &Frame, r: &mut Stream) {
     }
 }
 
-/// A bench facing +z.
+/// Builds a bench that faces +z.
 pub(super) fn bench(b: &mut Builder, f: &Frame) {
     let wood = Material::new(Pattern::Grain(false), color(0x8a5f38), color(0x6e4829), 4);
     let iron = plain(0x2b2f31);
@@ -114,7 +114,7 @@ pub(super) fn bench(b: &mut Builder, f: &Frame) {
     }
 }
 
-/// A road sign on a pole.
+/// Builds a road sign on a pole.
 pub(super) fn road_sign(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let pole = plain(0x9a9d9f).glossy(0.06);
     b.post(f, [0.0; 3], [0.03, 0.03], 2.6, pole);
@@ -129,7 +129,7 @@ pub(super) fn road_sign(b: &mut Builder, f: &Frame, r: &mut Stream) {
     }
 }
 
-/// A café table with a parasol and two chairs.
+/// Builds a café table with two chairs and usually a parasol.
 pub(super) fn cafe(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let metal = plain(0x4a4f50).glossy(0.06);
     let top = plain(0xd6d2c8).glossy(0.05);
@@ -149,7 +149,7 @@ pub(super) fn cafe(b: &mut Builder, f: &Frame, r: &mut Stream) {
     }
 }
 
-/// A planter with a shrub.
+/// Builds a planter with a shrub.
 pub(super) fn planter(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let stone = Material::new(Pattern::Mottled(0.2), color(0x9a948a), color(0x857f76), 6);
     b.block(f, [0.0, 0.26, 0.0], [0.9, 0.52, 0.9], stone);
@@ -163,7 +163,7 @@ pub(super) fn bollard(b: &mut Builder, f: &Frame) {
     b.post(f, [0.0, 0.68, 0.0], [0.068, 0.066], 0.07, plain(0xe7e4da));
 }
 
-/// A parked bicycle along z.
+/// Builds a parked bicycle along z.
 pub(super) fn bicycle(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let tyre = plain(0x1a1a1b);
     let paint = Material::plain(bright(r)).glossy(0.06);

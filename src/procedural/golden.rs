@@ -1,8 +1,8 @@
-//! Digests of eight photographs: a change here changes every procedural set, and with it smoke runs and their figures.
+//! Digests of eight photographs. If they change, so do all procedural sets, smoke runs and their figures.
 
 use super::{listing, render};
 
-/// BLAKE3 of each photograph's colour, depth and mask, first 16 digits, 96 x 72 px.
+/// First 16 digits of the BLAKE3 digest of each photograph's colour, depth and mask, at 96 x 72 px.
 const DIGESTS: [&str; 8] = [
     "4fcb366fdf4a3425",
     "ae64d134767c4b25",
@@ -29,5 +29,5 @@ fn photographs_are_pinned() {
             digest.finalize().to_hex()[..16].to_owned()
         })
         .collect();
-    assert_eq!(found, DIGESTS, "the new table: {found:#?}");
+    assert_eq!(found, DIGESTS, "new digests: {found:#?}");
 }

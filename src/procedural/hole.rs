@@ -1,4 +1,4 @@
-//! Simulates holes in a scanner's depth image: at glass, sky, grazing surfaces, edges and surfaces out of range.
+//! Simulation of holes in a scanner's depth image: glass, sky, edges, grazing surfaces and surfaces out of range.
 
 use super::random::{lattice, unit};
 
@@ -23,7 +23,7 @@ pub(super) fn is_valid(r: &Return, range_m: f32, [i, j]: [i32; 2], seed: i32) ->
     }
     let chance = unit(lattice(i, j, seed));
     let (nearest_m, farthest_m) = r.neighbours_m;
-    // The beam covers both sides of an edge: some returns are lost, mainly on the far side.
+    // At an edge, the beam covers both sides, so some returns are lost, mainly on the far side.
     let far_side = nearest_m < 0.85 * r.depth_m;
     let near_side = farthest_m > 1.2 * r.depth_m;
     let loss = if far_side {

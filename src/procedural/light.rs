@@ -1,7 +1,7 @@
 //! Soft light from windows, lamps and the surroundings on a surface, with soft shadows.
 //!
-//! Rays are traced on a coarse grid of pixels in sixteen interleaved patterns per 4 x 4 block. A blur over the block, limited
-//! to one surface, combines the patterns.
+//! Rays are traced on a coarse grid of pixels in sixteen interleaved patterns per 4 x 4 block. A blur over the block,
+//! limited to one surface, combines the patterns.
 
 use super::bounds::Bounds;
 use super::camera::Ray;
@@ -11,11 +11,11 @@ use rayon::prelude::*;
 
 /// Distance between grid points, px.
 const SPACING: usize = 4;
-/// Patterns in a block of grid points.
+/// Number of patterns in a block of grid points.
 const PATTERN_COUNT: usize = 16;
-/// Ambient rays of one pattern.
+/// Number of ambient rays of one pattern.
 const AMBIENT_RAYS: usize = 4;
-/// Rays of one pattern to each window.
+/// Number of rays of one pattern to each window.
 const OPENING_RAYS: usize = 2;
 
 /// A visible surface point.
@@ -26,7 +26,7 @@ pub(super) struct Point {
     pub(super) depth_m: f32,
 }
 
-/// Traces rays from surface points to all sources of soft light.
+/// Tracer of rays from surface points to all sources of soft light.
 #[derive(Debug)]
 pub(super) struct SoftLight<'a> {
     lights: &'a Lights,
@@ -53,7 +53,7 @@ impl<'a> SoftLight<'a> {
         Self { lights, bounds, hemisphere }
     }
 
-    /// Irradiance at a point divided by pi, from the rays of one pattern.
+    /// Returns the irradiance at a point divided by pi, from the rays of one pattern.
     fn arriving(&self, point: &Point, pattern: usize) -> Vec3 {
         let Point { position, normal, .. } = *point;
         let lights = self.lights;
@@ -161,7 +161,7 @@ impl<'a> SoftGrid<'a> {
         Self { soft, across, down, cells }
     }
 
-    /// Soft light at a surface point seen at pixel (i, j).
+    /// Interpolates the soft light at a surface point in pixel (i, j).
     pub(super) fn at(&self, i: usize, j: usize, point: &Point) -> Vec3 {
         let place = |pixel: usize| (pixel as f32 - 2.0) / SPACING as f32;
         let (x, y) = (place(i).max(0.0), place(j).max(0.0));
@@ -185,13 +185,13 @@ impl<'a> SoftGrid<'a> {
     }
 }
 
-/// The pattern of a grid point: an ordered 4 x 4 dither.
+/// Returns the pattern of a grid point, from an ordered 4 x 4 dither.
 fn pattern(a: usize, b: usize) -> usize {
     const ORDER: [usize; PATTERN_COUNT] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
     ORDER[(b & 3) * 4 + (a & 3)]
 }
 
-/// Similarity of two surface points, 0..1: 1 on one smooth surface.
+/// Returns the similarity of two surface points, 0..1; points of one plane have similarity 1.
 fn likeness(a: &Point, b: &Point) -> f32 {
     let facing = a.normal.dot(b.normal);
     if facing < 0.8 {

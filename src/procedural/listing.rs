@@ -18,7 +18,7 @@ pub enum Place {
 }
 
 impl Place {
-    /// The folder's name in DIODE.
+    /// Returns the name of the folder in DIODE.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Indoors => "indoors",
@@ -27,10 +27,10 @@ impl Place {
     }
 }
 
-/// One photograph of a procedural set. These five numbers and the size determine the picture.
+/// One photograph of a procedural set. These five values and the size determine the picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SamplePhotograph {
-    /// Indoors or outdoor.
+    /// Kind of place.
     pub place: Place,
     /// Number of the scene (a building or a quarter), unique over both places.
     pub scene: u32,
@@ -43,17 +43,17 @@ pub struct SamplePhotograph {
 }
 
 impl SamplePhotograph {
-    /// Path of the colour image, relative to the set's root.
+    /// Returns the path of the colour image, relative to the set's root.
     pub fn color_path(&self) -> PathBuf {
         self.path(".png")
     }
 
-    /// Path of the depth image, relative to the set's root.
+    /// Returns the path of the depth image, relative to the set's root.
     pub fn depth_path(&self) -> PathBuf {
         self.path("_depth.npy")
     }
 
-    /// Path of the mask, relative to the set's root.
+    /// Returns the path of the mask, relative to the set's root.
     pub fn mask_path(&self) -> PathBuf {
         self.path("_depth_mask.npy")
     }
@@ -68,9 +68,9 @@ impl SamplePhotograph {
     }
 }
 
-/// The first `count` photographs of the set with this seed.
+/// Returns the first `count` photographs of the set with this seed.
 ///
-/// Places alternate, scenes within a place, scans within a scene. A shorter listing is a prefix of a longer one.
+/// Places alternate, then scenes of a place, then scans of a scene. A shorter listing is a prefix of a longer one.
 pub fn listing(count: usize, seed: u64) -> Vec<SamplePhotograph> {
     (0..count as u32).map(|i| photograph(i, seed)).collect()
 }
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn eight_photographs_hold_two_scenes_a_place_with_two_scans_each() {
+    fn eight_photographs_have_two_scenes_per_place_and_two_scans_per_scene() {
         let photographs = listing(8, 0);
         for place in [Place::Indoors, Place::Outdoor] {
             let here = || photographs.iter().filter(move |p| p.place == place);

@@ -12,33 +12,33 @@ static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
     })
 });
 
-/// A linear colour from an sRGB code such as `0xRRGGBB`.
+/// Converts an sRGB code `0xRRGGBB` to a linear colour.
 pub(super) fn color(code: u32) -> Vec3 {
     let channel = |shift: u32| LINEAR[((code >> shift) & 255) as usize];
     Vec3::new(channel(16), channel(8), channel(0))
 }
 
-/// A matt material of an sRGB code such as `0xRRGGBB`.
+/// Returns a matt material with the sRGB code `0xRRGGBB`.
 pub(super) fn plain(code: u32) -> Material {
     Material::plain(color(code))
 }
 
-/// A surface's reflectance, as a pattern of two linear colours.
+/// Reflectance and emission of a surface, as a pattern of two linear colours.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Material {
     pub(super) pattern: Pattern,
     pub(super) main: Vec3,
     pub(super) second: Vec3,
-    /// Share of mirror reflection at normal incidence, and 1/roughness of the highlight.
+    /// Share of mirror reflection at normal incidence; also scales the sun's highlight.
     pub(super) gloss: f32,
-    /// Emitted radiance, linear, times `main`.
+    /// Emitted radiance as a multiple of `main`.
     pub(super) glow: f32,
     pub(super) seed: i32,
     pub(super) casts_shadow: bool,
 }
 
 impl Material {
-    /// A matt colour.
+    /// Creates a matt material of one colour.
     pub(super) fn plain(main: Vec3) -> Self {
         Self {
             pattern: Pattern::Plain,
@@ -51,12 +51,12 @@ impl Material {
         }
     }
 
-    /// A pattern of two colours.
+    /// Creates a matt material with a pattern of two colours.
     pub(super) fn new(pattern: Pattern, main: Vec3, second: Vec3, seed: i32) -> Self {
         Self { pattern, second, seed, ..Self::plain(main) }
     }
 
-    /// A lamp shade: emits light and casts no shadow.
+    /// Creates the material of a lamp shade, which emits light and casts no shadow.
     pub(super) fn lamp(main: Vec3, glow: f32) -> Self {
         Self { glow, casts_shadow: false, ..Self::plain(main) }
     }

@@ -35,7 +35,7 @@ pub(super) struct Lights {
     /// Ambient radiance from above and from below.
     pub(super) ambient_up: Vec3,
     pub(super) ambient_down: Vec3,
-    /// Length of ambient rays.
+    /// Length of ambient rays, m.
     pub(super) ambient_reach_m: f32,
 }
 
@@ -46,8 +46,8 @@ pub(super) struct Model {
     pub(super) lights: Lights,
     pub(super) sky: Sky,
     pub(super) pose: Pose,
-    /// Target mean of the sRGB-coded picture.
+    /// Target mean of the picture's sRGB codes, 0..1.
     pub(super) brightness: f32,
-    /// Largest depth of the scanner.
+    /// Largest depth of the scanner, m.
     pub(super) range_m: f32,
 }

@@ -3,7 +3,7 @@
 use super::random::{lattice, unit};
 use glam::Vec3;
 
-/// `floor` without the library call that baseline x86-64 needs.
+/// Rounds down without the library call that `f32::floor` needs on baseline x86-64.
 #[inline]
 pub(super) fn floor(x: f32) -> i32 {
     let truncated = x as i32;
@@ -18,7 +18,7 @@ fn mix(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
 }
 
-/// Value noise in the plane, in 0..1; its lattice has spacing 1.
+/// Returns value noise in the plane, 0..1, on a lattice with spacing 1.
 pub(super) fn noise2(x: f32, y: f32, seed: i32) -> f32 {
     let (i, j) = (floor(x), floor(y));
     let (u, v) = (smooth(x - i as f32), smooth(y - j as f32));
@@ -26,7 +26,7 @@ pub(super) fn noise2(x: f32, y: f32, seed: i32) -> f32 {
     mix(mix(at(0, 0), at(1, 0), u), mix(at(0, 1), at(1, 1), u), v)
 }
 
-/// Value noise in space, in 0..1; its lattice has spacing 1.
+/// Returns value noise in space, 0..1, on a lattice with spacing 1.
 pub(super) fn noise3(p: Vec3, seed: i32) -> f32 {
     let k = floor(p.z);
     let w = smooth(p.z - k as f32);
@@ -34,7 +34,7 @@ pub(super) fn noise3(p: Vec3, seed: i32) -> f32 {
     mix(layer(k), layer(k + 1), w)
 }
 
-/// Sum of up to four octaves of noise, with mean 0.5. Omits octaves finer than `footprint`, because they alias.
+/// Sums up to four octaves of noise around 0.5. Omits octaves finer than `footprint`, because they alias.
 pub(super) fn cloudy(x: f32, y: f32, footprint: f32, seed: i32) -> f32 {
     let (mut sum, mut weight, mut scale) = (0.5, 0.5, 1.0);
     for octave in 0..4 {
@@ -49,7 +49,7 @@ pub(super) fn cloudy(x: f32, y: f32, footprint: f32, seed: i32) -> f32 {
     sum
 }
 
-/// Share of a footprint around `x`, 0..1, that lies on stripes; every period starts with a stripe of `width`.
+/// Returns the share of a footprint around `x` on stripes, 0..1; every period starts with a stripe of `width`.
 pub(super) fn stripe(x: f32, period: f32, width: f32, footprint: f32) -> f32 {
     let covered = |x: f32| {
         let cell = floor(x / period) as f32;
@@ -59,7 +59,7 @@ pub(super) fn stripe(x: f32, period: f32, width: f32, footprint: f32) -> f32 {
     ((covered(x + 0.5 * f) - covered(x - 0.5 * f)) / f).clamp(0.0, 1.0)
 }
 
-/// Share of a footprint around `x` that lies in `low..high`, 0..1.
+/// Returns the share of a footprint around `x` in `low..high`, 0..1.
 pub(super) fn band(x: f32, low: f32, high: f32, footprint: f32) -> f32 {
     let f = footprint.max(1e-4);
     (((x + 0.5 * f).min(high) - (x - 0.5 * f).max(low)) / f).clamp(0.0, 1.0)

@@ -27,7 +27,7 @@ struct Outlook {
     target: Vec3,
 }
 
-/// The model of an outdoor photograph.
+/// Builds the model of an outdoor photograph.
 pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     let p = photograph;
     let (scene, scan) = (u64::from(p.scene), u64::from(p.scan));
@@ -138,7 +138,6 @@ fn square(b: &mut Builder, night: f32, r: &mut Stream) -> Outlook {
     for side in [-1.0, 1.0] {
         street::row(b, side, half_m, [-4.0, depth_m - 4.0], night, r);
     }
-    // A fountain or a monument in the middle.
     b.start_piece();
     let middle = Frame::new(Vec3::new(r.range(-1.5, 1.5), 0.0, r.range(9.0, 12.0)), r.unit());
     monument(b, &middle, r);
@@ -267,7 +266,7 @@ enum Thing {
     Person,
 }
 
-/// Near, thin objects in the middle of the view: depth edges for reflections.
+/// Places near, thin objects in the middle of the view, as depth edges for reflections.
 fn foreground(b: &mut Builder, eye: Vec3, target: Vec3, kinds: &[Thing], r: &mut Stream) {
     let ahead = (target - eye) * Vec3::new(1.0, 0.0, 1.0);
     let ahead = ahead.normalize();
@@ -283,7 +282,7 @@ fn foreground(b: &mut Builder, eye: Vec3, target: Vec3, kinds: &[Thing], r: &mut
     for (k, f) in [first, second, third].into_iter().enumerate() {
         b.start_piece();
         match r.pick(kinds) {
-            // At this distance a person or a sign would hide the place.
+            // At this distance, a person or a sign would hide the place.
             Thing::Person | Thing::Sign if k == 0 => garden::bollard(b, &f),
             Thing::Bollard => garden::bollard(b, &f),
             Thing::Sign => garden::road_sign(b, &f, r),

@@ -5,38 +5,38 @@ use super::noise::{band, cloudy, floor, stripe};
 use super::random::{lattice, unit};
 use glam::{Vec2, Vec3};
 
-/// Layout of the two colours of a material. Lengths in metres.
+/// Layout of the two colours of a material. Lengths are in metres.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Pattern {
     /// One colour, faintly mottled.
     Plain,
-    /// Mottled between the two colours, features of this size.
+    /// Mottling between the two colours, with features of this size.
     Mottled(f32),
-    /// Wood grain along u (or along v, if true).
+    /// Wood grain, along v if true, otherwise along u.
     Grain(bool),
-    /// Floor boards of this width, `second` in the joints.
+    /// Floor boards of this width; `second` is the colour of the joints.
     Boards(f32),
-    /// Tiles of this size, `second` in the joints.
+    /// Tiles of this size; `second` is the colour of the joints.
     Tiles(f32),
     /// Checks of this size.
     Checks(f32),
-    /// Brickwork, `second` is the mortar.
+    /// Brickwork; `second` is the colour of the mortar.
     Bricks,
     /// Upright stripes with this period.
     Stripes(f32),
-    /// A picture, 2 x 2 half sizes of the canvas.
+    /// A picture with these half sizes of the canvas.
     Picture(Vec2),
-    /// A rug with borders, half sizes.
+    /// A rug with borders and these half sizes.
     Rug(Vec2),
     /// Woven cloth.
     Cloth,
-    /// Windows of a facade: bay and storey, in metres; `second` frames them.
+    /// A facade with bays and storeys of this size, each with a window; `second` is the colour of the frames.
     Facade(Vec2),
-    /// A shop's front: glass between posts with this period.
+    /// A shop front: glass between posts with this period.
     Shop(f32),
-    /// A road along z with markings: half width.
+    /// A road along z with markings and this half width.
     Road(f32),
-    /// Rows of letters on a coloured ground, half sizes.
+    /// A row of letters on a coloured ground with these half sizes.
     Sign(Vec2),
     /// A pane of glass.
     Pane,
@@ -48,7 +48,7 @@ pub(super) struct Surface {
     pub(super) albedo: Vec3,
     pub(super) glow: Vec3,
     pub(super) gloss: f32,
-    /// Glass: a hole in the scanner's depth.
+    /// True for glass, which is a hole in the scanner's depth.
     pub(super) glass: bool,
 }
 
@@ -57,7 +57,7 @@ fn dice(i: i32, j: i32, seed: i32) -> f32 {
 }
 
 impl Material {
-    /// The surface at texture point `p`, whose flattened coordinates are `uv`.
+    /// Returns the surface at texture point `p` with flattened coordinates `uv`.
     pub(super) fn surface(&self, p: Vec3, uv: Vec2, footprint_m: f32) -> Surface {
         let f = footprint_m;
         let (u, v) = (uv.x, uv.y);
@@ -149,7 +149,7 @@ fn grain(along: f32, across: f32, f: f32, seed: i32) -> f32 {
     0.5 + (ring - 0.5) * 0.5 * fade + (wave - 0.5) * 0.7
 }
 
-/// A landscape, or panels of colour. `q` runs from -1 to 1 over the canvas.
+/// Returns the colour of a landscape or of abstract shapes. `q` runs from -1 to 1 over the canvas.
 fn picture(q: Vec2, f: f32, m: &Material) -> Vec3 {
     let mat = 1.0 - band(q.x, -0.78, 0.78, f) * band(q.y, -0.78, 0.78, f);
     let seed = m.seed;

@@ -1,4 +1,4 @@
-//! Writes photographs in the layout of PLACES365: JPEGs by category, and relative inverse depth as networks write it.
+//! Photographs in the layout of PLACES365: JPEGs by category, and relative inverse depth like that of networks.
 //!
 //! ```text
 //! DIR/data_256/LETTER/CATEGORY[/KIND]/00000001.jpg
@@ -20,7 +20,7 @@ pub const PLACES_COLOR: &str = "data_256";
 /// Folder of the depth maps below the set's root.
 pub const PLACES_DEPTH: &str = "depth";
 
-/// JPEG quality, of 100.
+/// Quality of JPEG files, 1 to 100.
 const JPEG_QUALITY: u8 = 92;
 
 /// A photograph of a procedural set in the layout of PLACES365.
@@ -30,17 +30,17 @@ pub struct PlacesPhotograph {
     pub photograph: SamplePhotograph,
     /// Category as in the official list: `bedroom`, `library/indoor`.
     pub category: String,
-    /// Number in its category, from 1.
+    /// Number in the category, from 1.
     pub number: u32,
 }
 
 impl PlacesPhotograph {
-    /// Path of the colour image, relative to the folder [`PLACES_COLOR`].
+    /// Returns the path of the colour image, relative to the folder [`PLACES_COLOR`].
     pub fn color_path(&self) -> PathBuf {
         self.path("jpg")
     }
 
-    /// Path of the depth map, relative to the folder [`PLACES_DEPTH`].
+    /// Returns the path of the depth map, relative to the folder [`PLACES_DEPTH`].
     pub fn depth_path(&self) -> PathBuf {
         self.path("png")
     }
@@ -52,8 +52,8 @@ impl PlacesPhotograph {
     }
 }
 
-/// The first `count` photographs of the set with this seed: those of [`listing::listing`], with rooms distributed over the
-/// `indoors` categories in turn, streets and parks over the `outdoors` ones.
+/// Returns the photographs of [`listing::listing`], with rooms assigned to the `indoors` categories in turn, and
+/// outdoor places to the `outdoors` categories.
 ///
 /// Categories are names of the official list. Panics if a list is empty.
 pub fn places_listing(
@@ -113,7 +113,7 @@ fn jpeg(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
         .map(|()| bytes)
 }
 
-/// Inverse depth scaled from the picture's least and largest value to 0 to 65535: scale and shift are lost, as in estimates.
+/// Scales inverse depth so that the picture's range becomes 0 to 65535. Scale and shift are lost, as in estimates.
 fn relative_inverse(inverse_depth_per_m: &[f32]) -> Vec<u16> {
     let least = inverse_depth_per_m.iter().copied().fold(f32::MAX, f32::min);
     let most = inverse_depth_per_m.iter().copied().fold(0.0, f32::max);
@@ -135,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_flat_picture_has_a_flat_map() {
+    fn inverse_depth_fills_sixteen_bits_unless_it_is_flat() {
         assert_eq!(relative_inverse(&[0.25; 3]), [0; 3]);
         assert_eq!(relative_inverse(&[0.0, 0.5, 1.0]), [0, 32768, 65535]);
     }

@@ -2,7 +2,7 @@
 
 pub(super) use render::hash::splitmix64 as mix;
 
-/// Hash of a lattice point, for textures.
+/// Hashes a lattice point, for textures.
 pub(super) fn lattice(x: i32, y: i32, z: i32) -> u32 {
     let mut h = (x as u32)
         .wrapping_mul(0x9E37_79B1)
@@ -26,29 +26,29 @@ pub(super) struct Stream {
 }
 
 impl Stream {
-    /// The stream for a list of keys.
+    /// Creates the stream of a list of keys.
     pub(super) fn new(keys: &[u64]) -> Self {
         let key = keys.iter().fold(0, |key, &next| mix(key ^ mix(next)));
         Self { key, drawn: 0 }
     }
 
-    /// The next 64 bits.
+    /// Returns the next 64 bits.
     pub(super) fn bits(&mut self) -> u64 {
         self.drawn += 1;
         mix(self.key ^ self.drawn.wrapping_mul(0xD6E8_FEB8_6659_FD93))
     }
 
-    /// A seed for a texture.
+    /// Returns a seed for a texture.
     pub(super) fn seed(&mut self) -> i32 {
         (self.bits() >> 40) as i32
     }
 
-    /// Uniform in 0..1.
+    /// Returns a uniform number in 0..1.
     pub(super) fn unit(&mut self) -> f32 {
         unit((self.bits() >> 32) as u32)
     }
 
-    /// Uniform in `low..high`.
+    /// Returns a uniform number in `low..high`.
     pub(super) fn range(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) * self.unit()
     }
@@ -58,12 +58,12 @@ impl Stream {
         self.unit() < p
     }
 
-    /// Uniform in `0..count`.
+    /// Returns a uniform integer in `0..count`.
     pub(super) fn index(&mut self, count: usize) -> usize {
         (((self.bits() >> 32) * count as u64) >> 32) as usize
     }
 
-    /// One of `choices`.
+    /// Returns one of `choices`.
     pub(super) fn pick<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[self.index(choices.len())]
     }

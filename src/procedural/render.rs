@@ -1,4 +1,4 @@
-//! Renders a model: visibility, light, antialiasing, depth.
+//! Rendering of a model: visibility, light, antialiasing, depth.
 
 use super::bounds::Bounds;
 use super::camera::{Camera, Ray, intrinsics};
@@ -17,25 +17,25 @@ use render::line::Intrinsics;
 /// A photograph with depth, row by row from the top left corner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rgbd {
-    /// Pixels across.
+    /// Width, px.
     pub width: u32,
-    /// Pixels down.
+    /// Height, px.
     pub height: u32,
     /// sRGB-coded colour, three bytes per pixel.
     pub rgb: Vec<u8>,
-    /// Depth along the optical axis, 0 where invalid.
+    /// Depth along the optical axis, m; 0 where invalid.
     pub depth_m: Vec<f32>,
-    /// Whether a pixel has a depth.
+    /// True for pixels with a valid depth.
     pub valid: Vec<bool>,
-    /// 1/z of the surface at each pixel, also in holes; 0 for the sky.
+    /// Inverse depth of the surface at each pixel, 1/m, also in holes; 0 for the sky.
     pub inverse_depth_per_m: Vec<f32>,
 }
 
-/// Offsets of the antialiasing samples from the pixel's centre.
+/// Offsets of the antialiasing samples from the pixel's centre, px.
 const OFFSETS: [(f32, f32); 4] =
     [(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)];
 
-/// Distance of metered pixels, px.
+/// Distance between metered pixels, px.
 const METERING_STEP: usize = 16;
 
 /// The surface at the centre of a pixel.
@@ -46,7 +46,7 @@ struct Pixel {
     in_sun: bool,
 }
 
-/// Renders the photograph with DIODE's camera. Pure: equal arguments give equal bytes on all machines.
+/// Renders the photograph with DIODE's camera. Equal arguments give equal bytes on all machines.
 pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
     render_through(photograph, &intrinsics(width, height), width, height)
 }
@@ -112,14 +112,14 @@ struct Film<'a> {
 }
 
 impl Film<'_> {
-    /// Radiance at a pixel's centre, and whether it shows glass or sky.
+    /// Returns the radiance at a pixel's centre, and true if the pixel shows glass or sky.
     fn centre(&self, i: usize, j: usize) -> (Vec3, bool) {
         let pixel = self.pixels[j * self.size[0] + i].as_ref();
         let ray = self.view.centre_ray(i, j);
         self.view.radiance(&ray, pixel, &self.grid, i, j)
     }
 
-    /// The tone curve, metered on every [`METERING_STEP`]th pixel.
+    /// Returns the tone curve, metered on every [`METERING_STEP`]th pixel of every such row.
     fn metered_tone(&self) -> Tone {
         let [w, h] = self.size;
         let first = METERING_STEP / 2;
@@ -131,7 +131,7 @@ impl Film<'_> {
         Tone::aimed(&metered, self.view.model.brightness)
     }
 
-    /// The four neighbours of a pixel; at the border the pixel itself.
+    /// Returns the four neighbours of a pixel; beyond the border, the pixel itself.
     fn neighbours(&self, i: usize, j: usize) -> [Option<Pixel>; 4] {
         let ([w, h], k) = (self.size, j * self.size[0] + i);
         [
@@ -142,14 +142,14 @@ impl Film<'_> {
         ]
     }
 
-    /// sRGB-coded colour of a pixel whose centre has this radiance: the mean of four samples where an edge is near.
+    /// Returns the sRGB-coded colour of a pixel with this radiance at its centre; at an edge, the mean of four samples.
     fn antialiased(&self, i: usize, j: usize, radiance: Vec3, tone: &Tone) -> Vec3 {
         let pixel = &self.pixels[j * self.size[0] + i];
         let around = self.neighbours(i, j);
         if !around.iter().any(|other| differs(pixel.as_ref(), other.as_ref())) {
             return tone.coded(radiance);
         }
-        // If all neighbours are lit, so are the points between. (A shaded one may only face away.)
+        // If the sun lights all neighbours, it lights the points between. (A shaded pixel may only face away.)
         let is_lit = pixel.iter().chain(around.iter().flatten()).all(|p| p.in_sun);
         let known_sun = is_lit.then_some(true);
         let mut coded = Vec3::ZERO;
@@ -162,7 +162,7 @@ impl Film<'_> {
         coded * 0.25
     }
 
-    /// The depth that a scanner measures at a pixel; `None` in a hole.
+    /// Returns the depth that a scanner measures at a pixel; `None` in a hole.
     fn measured_depth_m(&self, i: usize, j: usize, glass: bool, seed: i32) -> Option<f32> {
         let pixel = self.pixels[j * self.size[0] + i]?;
         let around = self.neighbours(i, j);
@@ -183,7 +183,7 @@ fn point(ray: &Ray, hit: Hit, normal: Vec3) -> Point {
     Point { position: ray.at(hit.depth_m), normal, depth_m: hit.depth_m }
 }
 
-/// Whether an edge runs between two neighbouring pixels.
+/// True if an edge runs between two neighbouring pixels.
 fn differs(a: Option<&Pixel>, b: Option<&Pixel>) -> bool {
     match (a, b) {
         (None, None) => false,
@@ -194,7 +194,7 @@ fn differs(a: Option<&Pixel>, b: Option<&Pixel>) -> bool {
     }
 }
 
-/// A model seen by a camera.
+/// A model and the camera that views it.
 struct View<'a> {
     model: &'a Model,
     camera: Camera,
@@ -211,14 +211,14 @@ impl View<'_> {
         self.seen(&self.centre_ray(i, j), i, j, None)
     }
 
-    /// The surface that a ray through pixel (i, j) meets; `known_sun` saves the shadow ray.
+    /// Returns the surface that a ray through pixel (i, j) meets; `known_sun` saves the shadow ray.
     fn seen(&self, ray: &Ray, i: usize, j: usize, known_sun: Option<bool>) -> Option<Pixel> {
         let hit = self.tiles.nearest(&self.model.solids, ray, i, j)?;
         let solid = &self.model.solids[hit.solid as usize];
         let position = ray.at(hit.depth_m);
         let mut normal = solid.axes * solid.normal(solid.local(position - solid.centre));
         if matches!(solid.shape, Shape::Foliage(..)) {
-            // Leaves face the light more than the surface of the crown.
+            // Leaves face upwards more than the surface of the crown.
             normal = (normal + Vec3::Y * 0.5).normalize();
         } else if normal.dot(ray.direction) > 0.0 {
             normal = -normal;
@@ -232,7 +232,7 @@ impl View<'_> {
         Some(Pixel { hit, normal, in_sun })
     }
 
-    /// Radiance along a ray, and whether it ends on glass or in the sky.
+    /// Returns the radiance along a ray, and true if the ray ends on glass or in the sky.
     fn radiance(
         &self,
         ray: &Ray,
@@ -289,7 +289,7 @@ impl View<'_> {
         (radiance, surface.glass)
     }
 
-    /// Radiance mirrored by a glossy surface, ignoring solids.
+    /// Returns the radiance that a glossy surface mirrors, without solids.
     fn reflected(&self, position: Vec3, direction: Vec3, light: Vec3) -> Vec3 {
         let lights = &self.model.lights;
         if lights.openings.is_empty() {
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn depths_and_brightness_are_those_of_photographs() {
+    fn depths_and_brightness_are_plausible() {
         for photograph in listing(32, 7) {
             let rgbd = render(&photograph, 160, 120);
             let pixel_count = 160 * 120;
@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_differ() {
+    fn consecutive_photographs_differ() {
         let photographs = listing(6, 2);
         for pair in photographs.windows(2) {
             assert_ne!(render(&pair[0], 64, 48).rgb, render(&pair[1], 64, 48).rgb);

@@ -15,7 +15,7 @@ use glam::Vec3;
 
 const WALL_M: f32 = 0.24;
 
-/// The model of an indoor photograph.
+/// Builds the model of an indoor photograph.
 pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     let p = photograph;
     let (scene, scan) = (u64::from(p.scene), u64::from(p.scan));
@@ -57,7 +57,7 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
     }
     shell(&mut b, &walls, [w, h, d], &style, r);
 
-    // The back wall's x axis points opposite to the world's. A window in this wall leaves the other half free.
+    // A window in the back wall leaves the other half of this wall free.
     let free = if lit == 0 { -side } else { side };
     let eye = Vec3::new(r.range(-0.12, 0.12) * w, r.range(1.25, 1.65), r.range(0.45, 0.9));
     let focus = Vec3::new(r.range(-0.25, 0.25), 0.0, eye.z + r.range(2.1, 2.8));

@@ -5,7 +5,7 @@ use super::material::Material;
 use super::noise::noise3;
 use glam::{Mat3, Vec3};
 
-/// Intersections with smaller ray parameters are the surface that the ray starts from.
+/// Least ray parameter of an intersection. Smaller values belong to the surface that the ray starts from.
 const NEAREST: f32 = 1e-3;
 
 /// A shape in its own axes, centred at the origin.
@@ -15,9 +15,9 @@ pub(super) enum Shape {
     Block(Vec3),
     /// An ellipsoid with these radii.
     Ellipsoid(Vec3),
-    /// A frustum along y: radius at the bottom, at the top, half the height.
+    /// A frustum along y: radius at the bottom, radius at the top, half the height.
     Frustum(f32, f32, f32),
-    /// An ellipsoid with holes like those between leaves.
+    /// An ellipsoid with these radii and, for this seed, holes like those between leaves.
     Foliage(Vec3, i32),
 }
 
@@ -36,13 +36,13 @@ pub(super) struct Solid {
 }
 
 impl Solid {
-    /// The vector in the shape's axes.
+    /// Converts a world vector to the shape's axes.
     pub(super) fn local(&self, v: Vec3) -> Vec3 {
         let a = &self.axes;
         Vec3::new(v.dot(a.x_axis), v.dot(a.y_axis), v.dot(a.z_axis))
     }
 
-    /// Half the sizes of the box around the shape, in its own axes.
+    /// Returns half the sizes of the box around the shape, in the shape's axes.
     pub(super) fn half(&self) -> Vec3 {
         match self.shape {
             Shape::Block(half) => half,
@@ -54,14 +54,14 @@ impl Solid {
         }
     }
 
-    /// Half the sizes of the box around the shape, in the world's axes.
+    /// Returns half the sizes of the box around the shape, in the world's axes.
     pub(super) fn world_half(&self) -> Vec3 {
         let h = self.half();
         let a = &self.axes;
         a.x_axis.abs() * h.x + a.y_axis.abs() * h.y + a.z_axis.abs() * h.z
     }
 
-    /// Smallest ray parameter below `t_max` at which the ray meets the solid.
+    /// Returns the smallest ray parameter below `t_max` at which the ray meets the solid.
     #[inline]
     pub(super) fn intersect(&self, ray: &Ray, t_max: f32) -> Option<f32> {
         let o = self.local(ray.origin - self.centre);
@@ -89,7 +89,7 @@ impl Solid {
         }
     }
 
-    /// Outward normal at a surface point, both in the shape's axes.
+    /// Returns the outward normal at a surface point, both in the shape's axes.
     pub(super) fn normal(&self, p: Vec3) -> Vec3 {
         match self.shape {
             Shape::Block(half) => {
@@ -116,10 +116,9 @@ impl Solid {
     }
 }
 
-/// Parameters at which a ray enters and leaves a box; `low` and `high` are its corners seen from
-/// the ray's origin.
+/// Returns the parameters at which a ray enters and leaves a box with corners `low` and `high`, relative to its origin.
 ///
-/// Uses comparisons instead of `f32::min`, one instruction each; the result for a ray exactly in a face is unspecified.
+/// Comparisons take one instruction each, unlike `f32::min`. The result for a ray exactly in a face is unspecified.
 #[inline]
 pub(super) fn slabs(low: Vec3, high: Vec3, inverse: Vec3) -> (f32, f32) {
     let less = |a: f32, b: f32| if a < b { a } else { b };
@@ -136,11 +135,11 @@ fn block(o: Vec3, d: Vec3, half: Vec3, t_max: f32) -> Option<f32> {
     (near <= far && near > NEAREST && near < t_max).then_some(near)
 }
 
-/// Both parameters at which a line meets the unit sphere.
+/// Returns both parameters at which a line meets the unit sphere.
 #[inline]
 fn ellipsoid(o: Vec3, d: Vec3) -> Option<(f32, f32)> {
     let a = d.dot(d);
-    // Relative to the point nearest to the centre: keeps digits for small, far spheres.
+    // Parameters relative to the point nearest to the centre stay precise for small, far spheres.
     let t0 = -o.dot(d) / a;
     let nearest = o + d * t0;
     let under = 1.0 - nearest.dot(nearest);

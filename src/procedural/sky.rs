@@ -1,10 +1,10 @@
-//! The sky, with clouds and a hazy skyline below them.
+//! The sky with clouds and a hazy skyline.
 
 use super::material::color;
 use super::noise::{band, cloudy, noise2};
 use glam::Vec3;
 
-/// Colours of a sky.
+/// Colours and clouds of a sky.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sky {
     pub(super) zenith: Vec3,
@@ -16,7 +16,7 @@ pub(super) struct Sky {
 }
 
 impl Sky {
-    /// Radiance from `direction`, of length 1.
+    /// Returns the radiance from `direction`, a unit vector.
     pub(super) fn radiance(&self, direction: Vec3) -> Vec3 {
         let y = direction.y;
         let up = y.max(0.0);
@@ -38,7 +38,7 @@ impl Sky {
         sky.lerp(far, band(y, -2.0, hills, 0.004)).lerp(near, band(y, -2.0, trees, 0.004))
     }
 
-    /// Radiance without detail, for reflections and ambient light.
+    /// Returns the radiance without clouds and skyline, for reflections.
     pub(super) fn smooth_radiance(&self, up: f32) -> Vec3 {
         if up > 0.0 { self.horizon.lerp(self.zenith, up) } else { self.horizon * 0.3 }
     }

@@ -18,7 +18,7 @@ const COATS: [(u32, u32); 9] = [
     (0xc7a89a, 0xefe6dc),
 ];
 
-/// A building, facing +z, its front at z = 0. Lengths in metres.
+/// A building with its front at z = 0, facing +z. Lengths are in metres.
 #[derive(Clone, Copy)]
 struct Building {
     width: f32,
@@ -31,9 +31,9 @@ struct Building {
     stone: Material,
 }
 
-/// Builds a building of this width, height and depth; its height is rounded to whole storeys.
+/// Builds a building of this width, height and depth; the height is rounded down to whole storeys.
 ///
-/// `near` buildings get sills and balconies that stand out.
+/// A `near` building also gets sills, lintels, a drainpipe and perhaps balconies.
 pub(super) fn building(
     b: &mut Builder,
     f: &Frame,
@@ -82,7 +82,7 @@ pub(super) fn building(
     }
 }
 
-/// A door in one of the bays, with a frame and a step.
+/// Builds a door in one of the bays, with a frame and a step.
 fn door(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
     let stone = house.stone;
     let x = (r.index(house.bays) as f32 + 0.5) * house.cell.x - 0.5 * house.width;
@@ -92,7 +92,7 @@ fn door(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
     b.block(f, [x, 0.08, 0.3], [1.4, 0.16, 0.6], stone);
 }
 
-/// A sign over the ground floor, most often with an awning.
+/// Builds a sign at the top of the ground floor, usually with an awning.
 fn shop_front(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
     let (w, base) = (house.width, house.base);
     let colour = color(r.pick(&[0x27483f, 0x7a2a26, 0x283a5c, 0x2a2a2c, 0xb08a3a]));
@@ -110,7 +110,7 @@ fn shop_front(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
     }
 }
 
-/// Sills, lintels and jambs of the lower storeys' windows, on some buildings balconies.
+/// Builds sills, lintels and jambs of the lower storeys' windows, and balconies on some buildings.
 fn windows(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
     let Building { cell, stone, .. } = *house;
     let has_balconies = r.chance(0.45);
@@ -133,7 +133,7 @@ fn windows(b: &mut Builder, f: &Frame, house: &Building, r: &mut Stream) {
     }
 }
 
-/// A balcony with railings in a bay of this width; `x` is its middle, `foot` its height.
+/// Builds a balcony with railings; `x` is its centre, `foot` its height and `bay` the width of the bay.
 fn balcony(b: &mut Builder, f: &Frame, [x, foot]: [f32; 2], bay: f32, stone: Material) {
     let iron = plain(0x2c3033);
     b.block(f, [x, foot, 0.4], [0.85 * bay, 0.1, 0.8], stone);
@@ -163,7 +163,7 @@ fn roof(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], r: &mut Stream) {
     }
 }
 
-/// A row of buildings along a side of the street: `side` is the sign of x, `x_m` its front.
+/// Builds a row of buildings along a side of the street: `side` is the sign of x, `x_m` the distance of the fronts.
 pub(super) fn row(
     b: &mut Builder,
     side: f32,
@@ -184,7 +184,7 @@ pub(super) fn row(
     }
 }
 
-/// Road, kerbs and pavements along z: half the road's width, width of the pavements.
+/// Builds road, kerbs and pavements along z: `half_m` is half the road's width, `pavement_m` the width of a pavement.
 pub(super) fn road(b: &mut Builder, half_m: f32, pavement_m: f32, r: &mut Stream) {
     let f = &Frame::world();
     let tar = color(r.pick(&[0x55565a, 0x4a4b4f, 0x625f5c]));

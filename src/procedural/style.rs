@@ -23,12 +23,12 @@ const ACCENTS: [u32; 10] = [
     0x3d4147,
 ];
 
-/// A random colour of a small object.
+/// Returns a random colour for a small object.
 pub(super) fn accent(r: &mut Stream) -> Vec3 {
     color(r.pick(&ACCENTS))
 }
 
-/// The style of building number `building`.
+/// Returns the style of building number `building`.
 pub(super) fn style(r: &mut Stream, building: usize) -> Style {
     let walls =
         [0xe6dfd0, 0xd3dcd6, 0xdcd3c8, 0xc3cfd8, 0xe3d2b8, 0xb7c4b1, 0xd9c2b6, 0xece8df, 0x8fa3a8];

@@ -1,10 +1,10 @@
-//! Bins the outlines of solids into tiles of the picture.
+//! Binning of the outlines of solids into tiles of the picture.
 
 use super::camera::{Camera, Ray};
 use super::shape::Solid;
 use glam::Vec3;
 
-/// Pixels along a tile's side.
+/// Side of a tile, px.
 pub(super) const TILE: usize = 16;
 /// Near plane of outlines, m.
 const NEAR_M: f32 = 0.05;
@@ -21,7 +21,7 @@ pub(super) struct Hit {
 #[derive(Debug)]
 pub(super) struct Tiles {
     across: usize,
-    /// (least depth, solid) of each tile.
+    /// Pairs (least depth, index of the solid) of each tile.
     lists: Vec<Vec<(f32, u32)>>,
 }
 
@@ -37,7 +37,7 @@ impl Tiles {
             .collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         for (z, solid, [u0, v0, u1, v1]) in order {
-            // A margin of one pixel for the antialiasing samples.
+            // The margin of one pixel is for the antialiasing samples.
             for j in tile_range(v0 - 1.0, v1 + 1.0, down) {
                 for i in tile_range(u0 - 1.0, u1 + 1.0, across) {
                     lists[j * across + i].push((z, solid));
@@ -47,7 +47,7 @@ impl Tiles {
         Self { across, lists }
     }
 
-    /// The first intersection of the ray through pixel (i, j).
+    /// Returns the first intersection of a ray through pixel (i, j).
     #[inline]
     pub(super) fn nearest(&self, solids: &[Solid], ray: &Ray, i: usize, j: usize) -> Option<Hit> {
         let mut best = None;
@@ -65,7 +65,7 @@ impl Tiles {
     }
 }
 
-/// Indices of the tiles that pixels `from..=to` touch, of `count` tiles in a row.
+/// Returns the indices of the tiles that pixels `from..=to` touch, in a row of `count` tiles.
 fn tile_range(from: f32, to: f32, count: usize) -> std::ops::Range<usize> {
     if to < 0.0 {
         return 0..0;
@@ -76,7 +76,7 @@ fn tile_range(from: f32, to: f32, count: usize) -> std::ops::Range<usize> {
     first..last.saturating_add(1).min(count)
 }
 
-/// Least depth and image rectangle of the box around a solid; `None` if it is behind the camera.
+/// Returns least depth and image rectangle of the box around a solid; `None` if the box is behind the camera.
 fn outline(solid: &Solid, camera: &Camera) -> Option<(f32, [f32; 4])> {
     let half = solid.half();
     let corner = |k: usize| {

@@ -1,19 +1,19 @@
-//! Codes linear radiance: exposure, film curve, sRGB.
+//! Encoding of linear radiance: exposure, film curve, sRGB.
 
 use glam::Vec3;
 
 const TABLE_COUNT: usize = 4096;
 
-/// The curve of one photograph.
+/// The tone curve of one photograph.
 #[derive(Debug)]
 pub(super) struct Tone {
     exposure: f32,
-    /// sRGB code of linear values 0..=1.
+    /// sRGB codes of evenly spaced linear values from 0 to 1.
     table: Vec<f32>,
 }
 
 impl Tone {
-    /// The exposure that brings the mean code of `radiances` to `brightness`.
+    /// Finds the exposure that brings the mean code of `radiances` to `brightness`.
     pub(super) fn aimed(radiances: &[Vec3], brightness: f32) -> Self {
         let code = |c: f32| {
             if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * libm::powf(c, 1.0 / 2.4) - 0.055 }
@@ -33,9 +33,9 @@ impl Tone {
         tone
     }
 
-    /// sRGB-coded colour, 0..1.
+    /// Encodes a radiance as sRGB codes, 0..1.
     pub(super) fn coded(&self, radiance: Vec3) -> Vec3 {
-        // Desaturate a little: the curve below adds saturation.
+        // Desaturates a little, because the film curve adds saturation.
         let grey = radiance.dot(Vec3::new(0.2126, 0.7152, 0.0722));
         let x = radiance.lerp(Vec3::splat(grey), 0.14) * self.exposure;
         // Narkowicz's fit of the ACES film curve: soft shoulder, deep shadows.

@@ -13,7 +13,7 @@ fn leaves(r: &mut Stream) -> Material {
     Material::new(Pattern::Mottled(0.25), green * 0.75, green * 1.35, seed)
 }
 
-/// A broad-leaved tree of this height.
+/// Builds a broad-leaved tree of this height.
 pub(super) fn broadleaf(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream) {
     let bark = Material::new(Pattern::Mottled(0.12), color(0x5b4636), color(0x7a6350), 3);
     let trunk = 0.36 * height;
@@ -36,7 +36,7 @@ pub(super) fn broadleaf(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream)
     }
 }
 
-/// A conifer of this height.
+/// Builds a conifer of this height.
 pub(super) fn conifer(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream) {
     let bark = plain(0x54402f);
     b.post(f, [0.0; 3], [0.02 * height, 0.01 * height], 0.5 * height, bark);
@@ -50,7 +50,7 @@ pub(super) fn conifer(b: &mut Builder, f: &Frame, height: f32, r: &mut Stream) {
     }
 }
 
-/// A shrub of this radius.
+/// Builds a shrub of this radius.
 pub(super) fn shrub(b: &mut Builder, f: &Frame, radius: f32, r: &mut Stream) {
     let m = leaves(r);
     b.ball(f, [0.0, 0.5 * radius, 0.0], [0.75 * radius, 0.75 * radius, 0.75 * radius], m);

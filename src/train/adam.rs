@@ -1,4 +1,4 @@
-//! Adam (Kingma and Ba, ICLR 2015) with access to its moments, which candle's hides, so that they can be saved.
+//! Adam (Kingma and Ba, ICLR 2015). Its moments can be saved in checkpoints; candle's Adam hides them.
 
 use candle_core::backprop::GradStore;
 use candle_core::{Result, Tensor, Var};
@@ -6,11 +6,11 @@ use candle_core::{Result, Tensor, Var};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdamOptions {
     pub learning_rate: f64,
-    /// Decay of the mean gradient.
+    /// Decay rate of the running mean of gradients.
     pub beta1: f64,
-    /// Decay of the mean square.
+    /// Decay rate of the running mean of squared gradients.
     pub beta2: f64,
-    /// Added to the root of the mean square.
+    /// Constant added to the root of the mean square.
     pub epsilon: f64,
 }
 
@@ -22,24 +22,24 @@ impl Default for AdamOptions {
 
 /// A named variable with its moments.
 pub struct Moments {
-    /// Unique within the optimiser.
+    /// Name, unique within the optimiser.
     pub name: String,
     pub variable: Var,
-    /// Running mean of its gradients.
+    /// Running mean of the gradients.
     pub mean: Tensor,
-    /// Running mean of their squares.
+    /// Running mean of the squared gradients.
     pub square: Tensor,
 }
 
 pub struct Adam {
     pub options: AdamOptions,
     pub steps: u64,
-    /// In a fixed order.
+    /// Variables in a fixed order.
     pub moments: Vec<Moments>,
 }
 
 impl Adam {
-    /// With moments of 0.
+    /// Creates an optimiser with moments of 0.
     pub fn new(variables: Vec<(String, Var)>, options: AdamOptions) -> Result<Self> {
         let moments = variables
             .into_iter()
@@ -55,7 +55,7 @@ impl Adam {
         Ok(Self { options, steps: 0, moments })
     }
 
-    /// One step as in PyTorch. Variables without a gradient do not change.
+    /// Takes one step as in PyTorch. Variables without a gradient do not change.
     pub fn step(&mut self, gradients: &GradStore) -> Result<()> {
         self.steps += 1;
         let AdamOptions { learning_rate, beta1, beta2, epsilon } = self.options;
@@ -65,7 +65,7 @@ impl Adam {
             let Some(gradient) = gradients.get(&moments.variable) else {
                 continue;
             };
-            // Detached: otherwise the graph of all steps would stay in memory.
+            // Without detaching, the graph of all steps would stay in memory.
             moments.mean = ((&moments.mean * beta1)? + (gradient * (1.0 - beta1))?)?.detach();
             moments.square =
                 ((&moments.square * beta2)? + (gradient.sqr()? * (1.0 - beta2))?)?.detach();

@@ -1,22 +1,22 @@
-//! Examples as tensors.
+//! Batches of examples as tensors.
 
 use super::example::{Example, Planes};
 use candle_core::{Device, Result, Tensor};
 
-/// Images of a step, each (batch, 3, rows, columns).
+/// Images of one step, each of shape (batch, 3, rows, columns).
 pub struct Batch {
     pub input: Tensor,
     pub transmission: Tensor,
-    /// `None` for real photographs without it; so is `clean_reflection`.
+    /// `None`, like `clean_reflection`, if real pairs lack the layer.
     pub glass_reflection: Option<Tensor>,
     pub clean_reflection: Option<Tensor>,
 }
 
 impl Batch {
-    /// The examples must have one size and the same layers.
+    /// Stacks examples of one size. A reflection layer is `None` if one of the examples lacks it.
     pub fn new(examples: &[Example], device: &Device) -> Result<Self> {
         let Some(first) = examples.first() else {
-            candle_core::bail!("a batch of no examples");
+            candle_core::bail!("a batch needs an example");
         };
         let shape = (examples.len(), 3, first.rows, first.columns);
         let stack = |layer: fn(&Example) -> Option<&Planes>| -> Result<Option<Tensor>> {
@@ -28,7 +28,7 @@ impl Batch {
             Tensor::from_vec(values, shape, device).map(Some)
         };
         let needed = |layer: Option<Tensor>| {
-            layer.ok_or_else(|| candle_core::Error::Msg("an example without its input".to_owned()))
+            layer.ok_or_else(|| candle_core::Error::Msg("an example has no input".to_owned()))
         };
         Ok(Self {
             input: needed(stack(|e| Some(&e.input))?)?,

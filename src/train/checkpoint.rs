@@ -1,4 +1,4 @@
-//! Checkpoints: a folder per step with `model.safetensors`, `optimizer.safetensors` and `state.json`, written atomically.
+//! Checkpoints: a folder per step with `model.safetensors`, `optimizer.safetensors` and `state.json`.
 
 use super::learner::Learner;
 use candle_core::{Device, Tensor};
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-/// The schema name of `state.json`.
+/// Name of the schema of `state.json`.
 pub const CHECKPOINT_SCHEMA: &str = "glasshouse.checkpoint/1";
 
 const MODEL: &str = "model.safetensors";
@@ -19,7 +19,7 @@ const STATE: &str = "state.json";
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Origin {
-    /// BLAKE3 of VGG's weights file, if there is one.
+    /// BLAKE3 of VGG's weights file, if the features use one.
     pub vgg_blake3: Option<String>,
     /// Digest of the train scenes in the manifest's order.
     pub scenes_blake3: String,
@@ -29,27 +29,27 @@ pub struct Origin {
     pub backtrack: Option<(u64, String)>,
 }
 
-/// `state.json`.
+/// Contents of `state.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CheckpointState {
     /// Always [`CHECKPOINT_SCHEMA`].
     pub schema: String,
     pub stage: Stage,
-    /// Steps so far. With the seed it determines order, crops and all random numbers.
+    /// Number of steps so far. With the seed, it determines order, crops and all random numbers.
     pub step: u64,
-    /// Steps of the generators' optimiser.
+    /// Number of steps of the generators' optimiser.
     pub generator_steps: u64,
     pub discriminator_steps: u64,
     /// Number of trainable weights.
     pub parameters: usize,
     pub settings: TrainSettings,
     pub origin: Origin,
-    /// Instruction set of matrix products: it affects the last bits.
+    /// Instruction set of matrix products, which affects the last bits.
     pub code_path: String,
-    /// Mean PSNR of the outputs for the validation scenes, dB, if there are any.
+    /// Mean PSNR of the outputs for the validation scenes, dB; `None` without validation scenes.
     pub validation_psnr_db: Option<f64>,
-    /// Digests (BLAKE3) of the other two files, by name.
+    /// BLAKE3 digests of the other two files, by name.
     pub files: BTreeMap<String, String>,
 }
 
@@ -66,13 +66,13 @@ pub enum CheckpointError {
 /// A checkpoint with verified digests.
 pub struct Checkpoint {
     pub path: PathBuf,
-    /// `state.json`.
+    /// Contents of `state.json`.
     pub state: CheckpointState,
     pub model: HashMap<String, Tensor>,
     pub moments: HashMap<String, Tensor>,
 }
 
-/// Instruction set of matrix products on this machine: `avx512f`, `fma` or `baseline`.
+/// Returns the instruction set of matrix products on this machine: `avx512f`, `fma` or `baseline`.
 pub fn code_path() -> &'static str {
     #[cfg(target_arch = "x86_64")]
     {
@@ -86,17 +86,17 @@ pub fn code_path() -> &'static str {
     "baseline"
 }
 
-/// Folder of a stage's checkpoints in a run's folder.
+/// Returns the folder of a stage's checkpoints in a run's folder.
 pub fn stage_folder(run: &Path, stage: Stage) -> PathBuf {
     run.join("train").join(stage.name())
 }
 
-/// Folder of the checkpoint of a step.
+/// Returns the folder of a step's checkpoint.
 pub fn checkpoint_folder(stage_folder: &Path, step: u64) -> PathBuf {
     stage_folder.join(format!("step-{step:07}"))
 }
 
-/// Writes a checkpoint, durably.
+/// Writes a checkpoint atomically and durably; returns its folder.
 pub fn write_checkpoint(
     stage_folder: &Path,
     step: u64,
@@ -152,13 +152,13 @@ impl Checkpoint {
         if state.schema != CHECKPOINT_SCHEMA {
             let schema = &state.schema;
             return Err(damaged(format!(
-                "its schema is {schema:?}, this program reads {CHECKPOINT_SCHEMA:?}"
+                "its schema is {schema:?}, but this program reads {CHECKPOINT_SCHEMA:?}"
             )));
         }
         let tensors = |name: &str| {
             let bytes = file(name)?;
             if state.files.get(name) != Some(&digest(&bytes)) {
-                return Err(damaged(format!("{name} is not what was written")));
+                return Err(damaged(format!("{name} does not match its digest")));
             }
             candle_core::safetensors::load_buffer(&bytes, device)
                 .map_err(|e| damaged(format!("{name}: {e}")))
@@ -171,7 +171,7 @@ impl Checkpoint {
         })
     }
 
-    /// The newest usable checkpoint of a stage, and the errors of newer ones.
+    /// Reads the newest usable checkpoint of a stage; also returns the errors of newer checkpoints.
     pub fn newest(stage_folder: &Path, device: &Device) -> (Option<Self>, Vec<CheckpointError>) {
         let mut refused = Vec::new();
         for step in steps(stage_folder).into_iter().rev() {
@@ -184,7 +184,7 @@ impl Checkpoint {
     }
 }
 
-/// Steps of the checkpoints in a stage's folder, in order.
+/// Returns the steps of the checkpoints in a stage's folder, in ascending order.
 pub fn steps(stage_folder: &Path) -> Vec<u64> {
     let Ok(entries) = std::fs::read_dir(stage_folder) else {
         return Vec::new();
@@ -208,7 +208,7 @@ pub fn prune(stage_folder: &Path, keep: usize, best: Option<u64>) -> std::io::Re
     Ok(())
 }
 
-/// Removes leftovers of killed writers. The caller must hold the lock of the stage.
+/// Removes temporary folders of killed writers. The caller must hold the stage's lock.
 pub fn clear(stage_folder: &Path) -> std::io::Result<()> {
     let Ok(entries) = std::fs::read_dir(stage_folder) else {
         return Ok(());

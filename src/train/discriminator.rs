@@ -5,25 +5,25 @@ use super::ops::{NormOptions, Window, conv2d, norm_act};
 use super::random::Stream;
 use candle_core::{DType, Device, Result, Tensor, Var};
 
-/// Channels of its five 4 x 4 convolutions for a width of 64.
+/// Output channels of the first four 4 x 4 convolutions, in widths. The fifth has one output channel.
 const WIDTHS: [usize; 4] = [1, 2, 4, 8];
 
-/// Strides of these convolutions, px.
+/// Strides of all five convolutions, px.
 const STRIDES: [usize; 5] = [2, 2, 2, 1, 1];
 
 const EPSILON: f64 = 1e-5;
 
-/// 256 x 256 px give 30 x 30 logits.
+/// The discriminator network, which returns 30 x 30 logits for 256 x 256 px.
 pub struct Discriminator {
     kernels: Vec<Var>,
-    /// Gains of the three middle layers.
+    /// Gains of the norms of the three middle layers.
     gains: Vec<Var>,
     offsets: Vec<Var>,
     slope: f32,
 }
 
 impl Discriminator {
-    /// Random weights of deviation 0.02 from a seed; the published width is 64.
+    /// Draws weights with standard deviation 0.02 from a seed; the published width is 64.
     pub fn new(width: usize, seed: u64, name: &str, device: &Device) -> Result<Self> {
         let widths: Vec<usize> = WIDTHS.iter().map(|times| times * width).chain([1]).collect();
         let mut inputs = 6;
@@ -44,7 +44,7 @@ impl Discriminator {
         Ok(discriminator)
     }
 
-    /// All trainable variables by name, in a fixed order.
+    /// Returns all trainable variables by name, in a fixed order.
     pub fn variables(&self) -> Vec<(String, Var)> {
         numbered(&[("kernel", &self.kernels), ("gain", &self.gains), ("offset", &self.offsets)])
     }
@@ -55,12 +55,12 @@ impl Discriminator {
         Self { slope, ..self }
     }
 
-    /// Logits (batch, 1, rows, columns) for an image and one of its layers, both (batch, 3, ...). Above 0 means real.
+    /// Computes logits (batch, 1, ...) for an image and one of its layers, both (batch, 3, ...). Above 0 means real.
     pub fn forward(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
         self.forward_by(image, layer_of_it, learning)
     }
 
-    /// The same with detached weights: gradients flow to the images only, and the products for the weights are saved.
+    /// Computes the logits with detached weights: gradients flow only to the images, so the step costs fewer products.
     pub fn forward_frozen(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
         self.forward_by(image, layer_of_it, frozen)
     }
@@ -86,12 +86,12 @@ impl Discriminator {
     }
 }
 
-/// All but the first and the last.
+/// True for all layers except the first and the last.
 fn is_normed(layer: usize) -> bool {
     (1..=3).contains(&layer)
 }
 
-/// Leaky ReLU with PyTorch's gradient at 0.
+/// Applies leaky ReLU with PyTorch's gradient at 0.
 fn leaky(x: &Tensor, slope: f32) -> Result<Tensor> {
     let steep = x.gt(0.0)?.to_dtype(x.dtype())?;
     x * ((steep * f64::from(1.0 - slope))? + f64::from(slope))?
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_are_the_published_ones() {
+    fn weights_and_logits_have_the_published_sizes() {
         let discriminator = Discriminator::new(64, 1, "d", &Device::Cpu).unwrap();
         let variables = discriminator.variables();
         let count: usize = variables.iter().map(|(_, v)| v.elem_count()).sum();

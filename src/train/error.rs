@@ -14,30 +14,30 @@ pub enum TrainError {
     #[error("cannot lock {}: {source}", path.display())]
     Lock { path: PathBuf, source: std::io::Error },
     #[error(
-        "the separation stage begins with a BT-net, and {run} has none: train it first with `glasshouse train {run} --stage backtrack --steps S`, or leave it out with --no-a-priori",
+        "the separation stage begins with a BT-net, and {run} has none: train it first with `glasshouse train {run} --stage backtrack --steps S`, or omit the a priori loss with --no-a-priori",
         run = run.display()
     )]
     NoBacktrack { run: PathBuf },
     #[error(transparent)]
     Setting(#[from] SettingError),
     #[error(
-        "the settings differ from those of {}:\n  {}\nleave them out, or undo the change of the recipe's [train], to go on with that training; or train in a new run",
+        "the settings differ from those of {}:\n  {}\nomit them, or undo the change of the recipe's [train], to resume that training; or train in a new run",
         checkpoint.display(),
         differences.join("\n  ")
     )]
     Frozen {
         checkpoint: PathBuf,
-        /// `name: old -> new`.
+        /// One entry per setting: `name: old -> new`.
         differences: Vec<String>,
     },
-    #[error("a share of {share} of the steps sees real pairs: give their folder with --real")]
+    #[error("a share of {share} of the steps needs real pairs: name their folder with --real")]
     NoRealPairs { share: f64 },
     #[error(
-        "{changed} are not those that {} was trained with; give the same, or train in a new run",
+        "{changed} are not those that {} was trained with; use the same, or train in a new run",
         checkpoint.display()
     )]
     OtherOrigin {
-        /// Train scenes, real pairs or VGG-19's weights.
+        /// The changed input: train scenes, real pairs or VGG-19's weights.
         changed: &'static str,
         checkpoint: PathBuf,
     },
@@ -54,7 +54,7 @@ pub enum TrainError {
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
     #[error(
-        "the loss of step {step} is {loss}: the last checkpoint before it is whole; a smaller learning rate may help (a new training: settings are frozen)"
+        "the loss of step {step} is {loss}; the last checkpoint is valid. A smaller learning rate may help, in a new run (settings are frozen)"
     )]
     NotFinite { step: u64, loss: f32 },
 }

@@ -1,4 +1,4 @@
-//! The result of `evaluate`: a table with notes, JSON, and the files of both.
+//! The result of `evaluate`: a table with notes, JSON, and files with both.
 
 use super::checkpoint::CheckpointState;
 use super::picture::rgb_grid;
@@ -16,15 +16,15 @@ pub const EVALUATION_SCHEMA: &str = "glasshouse.evaluate/1";
 pub enum EvaluationError {
     #[error(transparent)]
     Write(#[from] WriteError),
-    #[error("the pictures that were scored make no PNG: {0}")]
+    #[error("cannot encode the scored pictures as PNG: {0}")]
     Picture(#[from] image::ImageError),
-    #[error("the scores make no JSON: {0}")]
+    #[error("cannot encode the scores as JSON: {0}")]
     Json(#[from] serde_json::Error),
 }
 
 #[derive(Clone, Debug, Serialize)]
 pub struct ScoredNetwork {
-    /// Name of its row.
+    /// Name of the network's row.
     pub method: String,
     /// Folder of the checkpoint.
     pub path: PathBuf,
@@ -49,7 +49,7 @@ impl ScoredNetwork {
     }
 }
 
-/// The result of an evaluation. Its keys are those of [`EVALUATION_SCHEMA`].
+/// The result of an evaluation, with the keys of [`EVALUATION_SCHEMA`].
 #[derive(Clone, Debug, Serialize)]
 pub struct Evaluation {
     /// Folder of the run, or of the pairs.
@@ -63,17 +63,17 @@ pub struct Evaluation {
     pub tile_px: u32,
     #[serde(rename = "rows")]
     pub means: Vec<MethodMeans>,
-    /// The effect of brightness alone.
+    /// Best constant factor of the input, which measures the effect of brightness alone.
     pub gain: Option<Gain>,
     #[serde(rename = "checkpoints")]
     pub networks: Vec<ScoredNetwork>,
-    /// Pictures without scores.
+    /// Pictures without scores, with reasons.
     pub left_out: Vec<LeftOut>,
     pub files: Vec<PathBuf>,
-    /// Number of threads; absent from the file, whose bytes do not depend on it.
+    /// Number of threads; `None` in the file, so that its bytes do not depend on it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
-    /// By method, then by picture.
+    /// Scores by method, then by picture.
     #[serde(skip)]
     rows: Vec<Row>,
     #[serde(skip)]
@@ -130,14 +130,14 @@ impl Evaluation {
         Ok(())
     }
 
-    /// The table, and the lines under it.
+    /// Returns the table and the lines below it.
     fn table(&self) -> [String; 2] {
         let mut notes =
-            "Protocol: no resizing; scored as 8-bit sRGB. Means over images.\ninput: the pictures as they are.\n".to_owned();
+            "Protocol: no resizing; scored as 8-bit sRGB. Means over images.\ninput: the unchanged pictures.\n".to_owned();
         if let Some(gain) = &self.gain {
             let _ = writeln!(
                 notes,
-                "{}: their linear light times the factor that is best for {} of {}: what comes of brightness alone.",
+                "{}: linear light times the best factor for {} of {}, which shows the effect of brightness alone.",
                 gain.row_name(),
                 counted(gain.images, gain.kind),
                 gain.fitted_to,
@@ -152,7 +152,7 @@ impl Evaluation {
         if tiled > 0 && !self.networks.is_empty() {
             let _ = writeln!(
                 notes,
-                "Networks saw {} in overlapping tiles of {} px, each with a norm of its own.",
+                "Networks processed {} in overlapping tiles of {} px and normalised each tile separately.",
                 counted(tiled, "picture"),
                 self.tile_px,
             );
@@ -160,7 +160,7 @@ impl Evaluation {
         [means_table(&self.rows, self.protocol), notes]
     }
 
-    /// A document of its own.
+    /// Returns the evaluation as a Markdown document.
     fn markdown(&self) -> String {
         let [table, notes] = self.table();
         let mut text = format!("# Evaluation\n\n{}\n\n{table}\n", self.what());
@@ -177,7 +177,7 @@ impl Evaluation {
         text
     }
 
-    /// Number and source of the pictures, in a line.
+    /// Returns the number and source of the pictures as one line.
     fn what(&self) -> String {
         let what = match self.split {
             Some("all") => counted(self.images, "scene"),
@@ -206,7 +206,7 @@ impl fmt::Display for Evaluation {
     }
 }
 
-/// `1 pair`, `2 pairs`.
+/// Formats a count with its noun: `1 pair`, `2 pairs`.
 fn counted(count: usize, what: &str) -> String {
     let plural = if count == 1 { "" } else { "s" };
     format!("{count} {what}{plural}")

@@ -1,17 +1,15 @@
-//! Event files as TensorBoard reads them: TFRecords of `Event` messages (tensorflow/core/util/event.proto), scalars and
-//! pictures.
+//! Event files for TensorBoard: TFRecords of `Event` messages (tensorflow/core/util/event.proto), scalars and pictures.
 
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// An open event file.
 pub(super) struct EventFile {
     file: File,
 }
 
-/// A varint of protocol buffers.
+/// Appends a varint of protocol buffers.
 fn varint(out: &mut Vec<u8>, mut value: u64) {
     while value >= 0x80 {
         out.push(value as u8 | 0x80);
@@ -31,7 +29,7 @@ fn field_bytes(out: &mut Vec<u8>, field: u64, bytes: &[u8]) {
     out.extend_from_slice(bytes);
 }
 
-/// The checksum of TFRecords: CRC-32C, rotated and offset so that checksums of checksums are safe.
+/// Computes the checksum of TFRecords: CRC-32C, rotated and offset so that data may contain checksums.
 fn masked_crc(bytes: &[u8]) -> u32 {
     crc32c::crc32c(bytes).rotate_right(15).wrapping_add(0xa282_ead8)
 }
@@ -53,7 +51,7 @@ fn event(seconds: f64, step: u64, field: u64, payload: &[u8]) -> Vec<u8> {
     out
 }
 
-/// `Summary.Value` of one number.
+/// Encodes a number as `Summary.Value`.
 fn scalar(tag: &str, value: f32) -> Vec<u8> {
     let mut out = Vec::new();
     field_bytes(&mut out, 1, tag.as_bytes());
@@ -62,7 +60,7 @@ fn scalar(tag: &str, value: f32) -> Vec<u8> {
     out
 }
 
-/// `Summary.Value` of a PNG.
+/// Encodes a PNG as `Summary.Value`.
 fn picture(tag: &str, [width, height]: [u32; 2], png: &[u8]) -> Vec<u8> {
     let mut image = Vec::new();
     field_varint(&mut image, 1, height.into());
@@ -76,14 +74,14 @@ fn picture(tag: &str, [width, height]: [u32; 2], png: &[u8]) -> Vec<u8> {
 }
 
 impl EventFile {
-    /// Starts the file of a training that resumes at `step`; replaces a file of that name.
+    /// Creates the file of a training that resumes at `step`; replaces an older file for that step.
     pub(super) fn create(folder: &Path, step: u64) -> io::Result<Self> {
         let mut file = File::create(folder.join(format!("events.out.tfevents.{step:010}")))?;
         file.write_all(&record(&event(now(), 0, 3, b"brain.Event:2")))?;
         Ok(Self { file })
     }
 
-    /// Adds numbers of a step.
+    /// Adds scalars of a step.
     pub(super) fn scalars(&mut self, step: u64, values: &[(&str, f32)]) -> io::Result<()> {
         let mut summary = Vec::new();
         for (tag, value) in values {
@@ -106,7 +104,7 @@ impl EventFile {
     }
 }
 
-/// Seconds since 1970, which TensorBoard shows.
+/// Returns the seconds since 1970, which TensorBoard shows.
 fn now() -> f64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.map_or(0.0, |duration| duration.as_secs_f64())
@@ -128,7 +126,7 @@ mod tests {
         assert_eq!(bytes, expected);
     }
 
-    /// An event without a step, as written by TensorFlow.
+    /// Returns an event without a step, as TensorFlow writes it.
     fn event_of_version(seconds: f64) -> Vec<u8> {
         let mut out = vec![1 << 3 | 1];
         out.extend(seconds.to_le_bytes());

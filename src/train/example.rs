@@ -11,7 +11,7 @@ pub struct Example {
     pub columns: usize,
     pub input: Planes,
     pub transmission: Planes,
-    /// `None` for real photographs without it; so is `clean_reflection`.
+    /// `None`, like `clean_reflection`, if a real pair lacks the layer.
     pub glass_reflection: Option<Planes>,
     pub clean_reflection: Option<Planes>,
 }
@@ -25,12 +25,12 @@ pub struct Cut {
     pub column: usize,
     /// Side, px.
     pub size: usize,
-    /// Flipped left to right.
+    /// True if the crop is flipped left to right.
     pub mirrored: bool,
 }
 
 impl Cut {
-    /// Draws a square of `size` px; `None` if the image is smaller.
+    /// Draws a square of `size` px; returns `None` if the image is smaller.
     pub fn draw(
         rows: usize,
         columns: usize,
@@ -56,7 +56,7 @@ impl Example {
         values * size_of::<f32>()
     }
 
-    /// An example of this size whose layers `layer` computes from the layers of this one.
+    /// Returns an example of the given size: the results of `layer` for all layers.
     pub(super) fn map(
         &self,
         [rows, columns]: [usize; 2],
@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cut_is_a_window_of_every_layer_and_may_be_mirrored() {
+    fn cuts_crop_and_mirror_every_layer() {
         let planes: Planes = (0..3 * 4 * 5).map(|k| k as f32).collect();
         let example = Example {
             rows: 4,

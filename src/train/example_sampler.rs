@@ -1,4 +1,4 @@
-//! The examples of a step: a function of the settings, the seed and the step.
+//! Choice of the examples of a step, as a function of the settings, the seed and the step.
 
 use super::example::{Cut, Example};
 use super::mixture::MixtureRecipe;
@@ -11,16 +11,16 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// Largest short edge that real photographs are scaled to, over the crop (Zhang et al.: 479 over 256).
+/// Largest short edge of scaled real photographs, relative to the side of the crop (Zhang et al.: 479 / 256).
 const LARGEST: f64 = 479.0 / 256.0;
 
-/// Interval of polling for a missing tuple.
+/// Interval between checks for a missing tuple.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
-/// Where the scenes' examples come from.
+/// Source of the scenes' examples.
 pub enum SceneSource {
     Tuples(TupleSource),
-    /// Mixed as images.
+    /// Photographs to mix in image space.
     Photographs(PhotographSource),
 }
 
@@ -39,7 +39,7 @@ struct Kept {
     bases: HashMap<(bool, usize), Arc<Base>>,
 }
 
-/// The examples of every step.
+/// Reader of the examples of every step.
 pub struct ExampleSampler {
     settings: TrainSettings,
     scenes: SceneSource,
@@ -54,11 +54,11 @@ pub struct ExampleSampler {
 }
 
 impl ExampleSampler {
-    /// `memory` is in bytes.
+    /// Creates a sampler; `memory` is in bytes.
     ///
     /// # Errors
     ///
-    /// A source that the settings need is empty.
+    /// Fails if a source that the settings need is empty.
     pub fn new(
         settings: &TrainSettings,
         scenes: SceneSource,
@@ -68,12 +68,12 @@ impl ExampleSampler {
     ) -> Result<Self, ExampleError> {
         if scenes.len() == 0 && settings.real_share < 1.0 {
             return Err(ExampleError::None(
-                "the run has no scene in its split \"train\": give its recipe one".to_owned(),
+                "the run has no scene in the split \"train\": add one to its recipe".to_owned(),
             ));
         }
         if real.pairs.is_empty() && settings.real_share > 0.0 {
             return Err(ExampleError::None(
-                "a share of real photographs is asked for, but there is none: give a folder of pairs"
+                "the settings need real photographs, but there are none: name a folder of pairs"
                     .to_owned(),
             ));
         }
@@ -88,7 +88,7 @@ impl ExampleSampler {
         })
     }
 
-    /// The examples of a step, all of one size and with the same layers.
+    /// Returns the examples of a step, all of one size, and all from real pairs or all from scenes.
     pub fn examples(&self, step: u64) -> Result<Vec<Example>, ExampleError> {
         let batch = self.settings.batch as u64;
         let real_before = share_of(step, self.settings.real_share);
@@ -110,7 +110,7 @@ impl ExampleSampler {
             .collect()
     }
 
-    /// The real pair at a position of the endless sequence.
+    /// Returns the real pair at a position of the endless sequence.
     fn real_example(&self, position: u64, stream: &mut Stream) -> Result<Example, ExampleError> {
         let index = self.place(position, self.real.pairs.len(), "real order");
         let read = || Ok(Some(Base::Example(self.real.read(index)?)));
@@ -119,7 +119,7 @@ impl ExampleSampler {
         Ok(self.scaled(example, stream))
     }
 
-    /// The example after random augmentation; `None` without one, or if the mixture recipe refuses the pair.
+    /// Mixes photographs to an example; returns `None` without a base, or if the mixture recipe rejects the pair.
     fn drawn(
         &self,
         base: Option<&Base>,
@@ -146,7 +146,7 @@ impl ExampleSampler {
         }))
     }
 
-    /// The scene at a position of the endless sequence, or the next one with a tuple if this scene will not get one.
+    /// Returns the example at a position of the endless sequence of scenes, or the next usable example.
     fn scene_example(&self, position: u64, stream: &mut Stream) -> Result<Example, ExampleError> {
         let count = self.scenes.len();
         for further in 0..count as u64 {
@@ -160,25 +160,25 @@ impl ExampleSampler {
                     if found.is_some() || !self.settings.follow || source.is_in_quarantine(index)? {
                         break found;
                     }
-                    // The farm is still working on it.
+                    // The farm has not finished the scene yet.
                     match self.stopped.recv_timeout(LOOK_EVERY) {
                         Err(RecvTimeoutError::Timeout) => {}
                         _ => return Err(ExampleError::Stopped),
                     }
                 },
             };
-            // The next scene replaces a pair that the mixture recipe refuses.
+            // The next scene replaces a pair that the mixture recipe rejects.
             if let Some(example) = self.drawn(base.as_deref(), stream)? {
                 return Ok(example);
             }
         }
         Err(ExampleError::None(
-            "no scene of the split \"train\" can be learned from yet: `glasshouse work` makes their tuples"
+            "no scene of the split \"train\" has a usable example yet: `glasshouse work` renders tuples"
                 .to_owned(),
         ))
     }
 
-    /// Index among `count` at a position: every epoch has its own permutation.
+    /// Returns the index among `count` at a position. Every epoch has its own permutation.
     fn place(&self, position: u64, count: usize, name: &'static str) -> usize {
         let (epoch, place) = (position / count as u64, (position % count as u64) as usize);
         if self.settings.follow && epoch == 0 {
@@ -200,7 +200,7 @@ impl ExampleSampler {
         }
     }
 
-    /// The kept example, or the result of `read`, which is kept if there is room.
+    /// Returns the kept example, or the result of `read`, which it keeps if memory allows.
     fn base(
         &self,
         key: (bool, usize),
@@ -233,7 +233,7 @@ impl ExampleSampler {
         Ok(example.cut(cut))
     }
 
-    /// A real photograph scaled down to a random size, so that the crop covers a large part of it.
+    /// Scales a real photograph down to a random size, so that the crop covers a large part of it.
     fn scaled(&self, example: Example, stream: &mut Stream) -> Example {
         let crop = self.settings.crop_px as f64;
         let wanted = (crop * (1.0 + (LARGEST - 1.0) * stream.unit())).round() as usize;
@@ -264,7 +264,7 @@ impl ExampleSampler {
     }
 }
 
-/// Number of steps with real photographs among the first `steps`, evenly spread.
+/// Returns the number of steps with real photographs among the first `steps`; such steps are evenly spread.
 fn share_of(steps: u64, share: f64) -> u64 {
     (steps as f64 * share).floor() as u64
 }

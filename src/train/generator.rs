@@ -1,5 +1,5 @@
-//! The generator of Zhang, Ng and Chen (CVPR 2018), which SP-net and BT-net share: hypercolumn, dilated convolutions, adaptive
-//! norm.
+//! The generator of Zhang, Ng and Chen (CVPR 2018), with hypercolumn, dilated convolutions and adaptive norm. SP-net
+//! and BT-net share the architecture.
 
 use super::ops::{NormOptions, Window, bilinear, conv2d, norm_act};
 use super::random::Stream;
@@ -16,21 +16,21 @@ pub const SLOPE: f32 = 0.2;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct GeneratorOptions {
-    /// Hidden channels; 64 in the paper.
+    /// Number of hidden channels; 64 in the paper.
     pub width: usize,
-    /// Output channels: 6 for SP-net (T*, R~*), 3 for BT-net (R*).
+    /// Number of output channels: 6 for SP-net (T*, R~*), 3 for BT-net (R*).
     pub outputs: usize,
-    /// Channels of the input features, finest first; empty without a feature network.
+    /// Numbers of channels of the input features, finest first; empty without a feature network.
     pub features: Vec<usize>,
     pub start: Start,
-    /// Slope of the leaky ReLU, usually [`SLOPE`]. With 1 the network is linear except for its norms.
+    /// Slope of the leaky ReLU, usually [`SLOPE`]. With 1, the network is linear except for its norms.
     pub slope: f32,
 }
 
 pub struct Generator {
-    /// The first is (width, features from coarse to fine and R, G, B, 1, 1), the others (width, width, 3, 3).
+    /// The first is (width, inputs, 1, 1): features from coarse to fine, then RGB. Others are (width, width, 3, 3).
     kernels: Vec<Var>,
-    /// Adaptive norm: `by_itself x + by_norm (norm(x) + offset)`.
+    /// Parameters of each layer's adaptive norm, `by_itself x + by_norm (norm(x) + offset)`.
     by_itself: Vec<Var>,
     by_norm: Vec<Var>,
     offsets: Vec<Var>,
@@ -40,7 +40,7 @@ pub struct Generator {
 }
 
 impl Generator {
-    /// Random weights from a seed; `name` separates the random streams of networks.
+    /// Initialises the weights from a seed; `name` separates the random streams of networks.
     pub fn new(options: &GeneratorOptions, seed: u64, name: &str, device: &Device) -> Result<Self> {
         let width = options.width;
         let inputs = options.features.iter().sum::<usize>() + 3;
@@ -69,7 +69,7 @@ impl Generator {
             generator.by_norm.push(Var::zeros(1, DType::F32, device)?);
             generator.offsets.push(Var::zeros(width, DType::F32, device)?);
         }
-        // Glorot and Bengio, as in Zhang et al.
+        // Initialisation of Glorot and Bengio, as in Zhang et al.
         let deviation = (2.0 / (width + options.outputs) as f64).sqrt();
         let mut stream = Stream::new(seed, &format!("{name} last"));
         let last = stream.normal_tensor(&[options.outputs, width, 1, 1], deviation, device)?;
@@ -81,7 +81,7 @@ impl Generator {
         self.last.device()
     }
 
-    /// All trainable variables by name, in a fixed order.
+    /// Returns all trainable variables by name, in a fixed order.
     pub fn variables(&self) -> Vec<(String, Var)> {
         let mut variables = numbered(&[
             ("kernel", &self.kernels),
@@ -94,13 +94,13 @@ impl Generator {
         variables
     }
 
-    /// Output (batch, outputs, rows, columns), not clamped, for sRGB-coded images (batch, 3, rows, columns) and their features,
-    /// finest first.
+    /// Computes the output (batch, outputs, rows, columns), not clamped, from sRGB-coded images (batch, 3, rows,
+    /// columns) and their features, finest first.
     pub fn forward(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
         self.forward_by(images, features, learning)
     }
 
-    /// Inference: weights are detached, no gradients.
+    /// Computes the output with detached weights, without gradients.
     pub fn forward_frozen(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
         self.forward_by(images, features, frozen)
     }
@@ -117,8 +117,8 @@ impl Generator {
         out.broadcast_add(&see(&self.last_bias).reshape((1, (), 1, 1))?)
     }
 
-    /// The 1 x 1 convolution of the hypercolumn. It commutes with resizing, so each feature is convolved at its own size and
-    /// the full-size tensor of all channels is never built.
+    /// Computes the 1 x 1 convolution of the hypercolumn. The convolution commutes with resizing, so each feature is
+    /// convolved at its own size, and no full-size tensor of all channels is needed.
     fn first(&self, images: &Tensor, features: &[Tensor], see: See) -> Result<Tensor> {
         let (_, _, rows, columns) = images.dims4()?;
         let mut start = 0;
@@ -148,7 +148,7 @@ impl Generator {
     }
 }
 
-/// Variables of lists, named `LIST.INDEX`.
+/// Names the variables of lists `LIST.INDEX`.
 pub(super) fn numbered(lists: &[(&str, &Vec<Var>)]) -> Vec<(String, Var)> {
     let mut named = Vec::new();
     for (name, list) in lists {
@@ -157,10 +157,10 @@ pub(super) fn numbered(lists: &[(&str, &Vec<Var>)]) -> Vec<(String, Var)> {
     named
 }
 
-/// How a forward pass reads the weights: with or without gradients.
+/// Function that reads a weight in a forward pass, with or without gradients to the weight.
 pub(super) type See = fn(&Var) -> Tensor;
 
-/// Gradients flow to the weight.
+/// Reads a weight so that gradients flow to it.
 pub(super) fn learning(weight: &Var) -> Tensor {
     weight.as_tensor().clone()
 }
@@ -169,7 +169,7 @@ pub(super) fn frozen(weight: &Var) -> Tensor {
     weight.detach()
 }
 
-/// A kernel that copies channel i to channel i.
+/// Returns a kernel that copies channel i to channel i.
 fn identity([outputs, inputs, rows, columns]: [usize; 4], device: &Device) -> Result<Tensor> {
     let mut values = vec![0.0f32; outputs * inputs * rows * columns];
     for channel in 0..outputs.min(inputs) {
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn it_has_as_many_parameters_as_the_published_one() {
+    fn generators_have_the_published_number_of_weights() {
         let count = |outputs| {
             let generator =
                 Generator::new(&options(outputs, Start::Identity), 1, "g", &Device::Cpu).unwrap();
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn an_identity_passes_its_first_channels() {
+    fn identity_kernels_copy_the_first_channels() {
         let kernel = identity([2, 3, 3, 3], &Device::Cpu).unwrap();
         let image =
             Stream::new(1, "image").normal_tensor(&[1, 3, 5, 6], 1.0, &Device::Cpu).unwrap();

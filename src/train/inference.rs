@@ -18,18 +18,18 @@ pub const LEAST_TILE_PX: usize = 2 * OVERLAP + LEAST_PX;
 /// The networks of a checkpoint.
 #[derive(Clone, Copy)]
 pub struct Networks<'a> {
-    /// Feature network, if the training had one.
+    /// Feature network, if the networks use features.
     pub vgg: Option<&'a Vgg>,
     pub separation: Option<&'a Generator>,
     pub backtrack: &'a Generator,
 }
 
 impl Networks<'_> {
-    /// T* and R~* of an image, clamped to [0, 1]. Images larger than `tile_px` squared are processed in overlapping tiles, each
-    /// with its own norms.
+    /// Computes T* and R~* of an image, clamped to [0, 1]. Splits images larger than `tile_px` a side into overlapping
+    /// tiles and normalises each tile separately.
     pub fn separate(&self, image: &Picture, tile_px: usize) -> Result<[Picture; 2]> {
         let Some(separation) = self.separation else {
-            candle_core::bail!("the checkpoint has no SP-net: give one of the separation stage");
+            candle_core::bail!("the checkpoint has no SP-net: use one of the separation stage");
         };
         let both = self.by_tiles(separation, image, 6, tile_px)?;
         let (t, r) = both.split_at(both.len() / 2);
@@ -40,7 +40,7 @@ impl Networks<'_> {
         }))
     }
 
-    /// R* of an R~ or R~*, clamped to [0, 1].
+    /// Computes R* of an R~ or R~*, clamped to [0, 1].
     pub fn track_back(&self, reflection: &Picture, tile_px: usize) -> Result<Picture> {
         Ok(Picture {
             planes: self.by_tiles(self.backtrack, reflection, 3, tile_px)?,
@@ -57,7 +57,7 @@ impl Networks<'_> {
     ) -> Result<Planes> {
         if image.rows < LEAST_PX || image.columns < LEAST_PX {
             candle_core::bail!(
-                "an image of {} x {} px is too small: {LEAST_PX} px a side at least",
+                "an image of {} x {} px is too small: each side needs {LEAST_PX} px",
                 image.columns,
                 image.rows
             );
@@ -117,7 +117,7 @@ impl Networks<'_> {
     }
 }
 
-/// First pixels of evenly spread tiles that cover `length` and overlap by at least [`OVERLAP`].
+/// Returns the first pixels of evenly spread tiles that cover `length` and overlap by at least [`OVERLAP`].
 fn starts(length: usize, tile: usize) -> Vec<usize> {
     if length <= tile {
         return vec![0];
@@ -126,7 +126,7 @@ fn starts(length: usize, tile: usize) -> Vec<usize> {
     (0..=more).map(|k| k * (length - tile) / more).collect()
 }
 
-/// Weights of a tile's pixels, with a ramp at edges shared with another tile.
+/// Returns the weights of a tile's pixels, with a ramp at edges that another tile overlaps.
 fn ramp(start: usize, size: usize, length: usize) -> Vec<f32> {
     let weight = |k: usize| {
         let before = if start == 0 { OVERLAP } else { k + 1 };
@@ -143,7 +143,7 @@ mod tests {
     use candle_core::Device;
 
     #[test]
-    fn tiles_cover_everything() {
+    fn tiles_cover_every_pixel() {
         for length in [16, 300, 301, 700, 1000, 5000] {
             let starts = starts(length, 300);
             assert_eq!(starts[0], 0);
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn tiles_give_nearly_the_same_result() {
+    fn tiling_changes_results_only_by_rounding() {
         let options = GeneratorOptions {
             width: 4,
             outputs: 6,

@@ -16,10 +16,10 @@ use std::collections::{BTreeMap, HashMap};
 /// The networks of a stage and their optimisers.
 pub struct Learner {
     pub stage: Stage,
-    /// SP-net, in the separation stage.
+    /// SP-net; `None` in the backtrack stage.
     pub separation: Option<Generator>,
     pub backtrack: Generator,
-    /// Tells R from R* of an R~, or T from T* of an I.
+    /// Discriminator of R and R*, given R~, or of T and T*, given I.
     pub discriminator: Option<Discriminator>,
     pub generator_adam: Adam,
     pub discriminator_adam: Option<Adam>,
@@ -28,9 +28,9 @@ pub struct Learner {
     device: Device,
 }
 
-/// One term of a step's loss, weighted.
+/// One weighted term of a step's loss.
 pub struct Term {
-    /// `transmission_l1`, ...
+    /// Name in logs: `transmission_l1`, ...
     pub name: &'static str,
     pub value: f32,
 }
@@ -38,11 +38,11 @@ pub struct Term {
 pub struct StepLosses {
     pub total: f32,
     pub terms: Vec<Term>,
-    /// The discriminator's loss, in steps that train it.
+    /// The discriminator's loss; `None` in steps that do not train it.
     pub discriminator: Option<f32>,
 }
 
-/// Receives the name of each finished part of a step.
+/// Callback that receives the name of each finished part of a step.
 pub type Lap<'a> = &'a mut dyn FnMut(&'static str);
 
 /// Weighted terms of a loss.
@@ -72,7 +72,7 @@ impl Sum {
 }
 
 impl Learner {
-    /// New networks of a stage. `vgg` is given unless the settings have no features.
+    /// Creates the networks of a stage. `vgg` is `None` if the settings use no features.
     pub fn new(
         stage: Stage,
         settings: &TrainSettings,
@@ -82,7 +82,7 @@ impl Learner {
         Self::with_slope(stage, settings, vgg, device, SLOPE)
     }
 
-    /// The same with another slope of all leaky ReLUs.
+    /// Creates the networks with another slope of all leaky ReLUs.
     pub(super) fn with_slope(
         stage: Stage,
         settings: &TrainSettings,
@@ -132,7 +132,7 @@ impl Learner {
         })
     }
 
-    /// All trainable variables by name, in a fixed order.
+    /// Returns all trainable variables by name, in a fixed order.
     pub fn variables(&self) -> Vec<(String, Var)> {
         let adams = std::iter::once(&self.generator_adam).chain(&self.discriminator_adam);
         adams
@@ -141,19 +141,19 @@ impl Learner {
             .collect()
     }
 
-    /// Number of trainable weights.
+    /// Returns the number of trainable weights.
     pub fn parameters(&self) -> usize {
         let variables = self.variables();
         variables.iter().map(|(_, v)| v.elem_count()).sum()
     }
 
-    /// All weights by name.
+    /// Returns all weights by name.
     pub fn model(&self) -> BTreeMap<String, Tensor> {
         let variables = self.variables().into_iter();
         variables.map(|(name, variable)| (name, variable.as_detached_tensor())).collect()
     }
 
-    /// Moments of the optimisers: `mean.NAME` and `square.NAME`.
+    /// Returns the moments of the optimisers: `mean.NAME` and `square.NAME`.
     pub fn moments(&self) -> BTreeMap<String, Tensor> {
         let adams = std::iter::once(&self.generator_adam).chain(&self.discriminator_adam);
         adams
@@ -167,11 +167,11 @@ impl Learner {
             .collect()
     }
 
-    /// Replaces the weights whose names start with `prefix`.
+    /// Replaces all weights with names that start with `prefix`.
     ///
     /// # Errors
     ///
-    /// A weight is missing or has another shape.
+    /// Fails if a weight is missing or has another shape.
     pub fn set_model(&mut self, model: &HashMap<String, Tensor>, prefix: &str) -> Result<()> {
         for (name, variable) in self.variables() {
             if name.starts_with(prefix) {
@@ -181,7 +181,7 @@ impl Learner {
         Ok(())
     }
 
-    /// Restores the optimisers' moments and step counts; errors as for [`Self::set_model`].
+    /// Restores the optimisers' moments and step counts; fails like [`Self::set_model`].
     pub fn set_moments(
         &mut self,
         moments: &HashMap<String, Tensor>,
@@ -205,7 +205,7 @@ impl Learner {
     ///
     /// # Errors
     ///
-    /// candle fails, or the batch lacks layers of the stage.
+    /// Fails if candle fails or if the batch lacks layers of the stage.
     pub fn step(&mut self, step: u64, batch: &Batch, lap: Lap) -> Result<StepLosses> {
         let (given, made, truth, mut sum) = match self.stage {
             Stage::Backtrack => self.backtrack_losses(batch, lap)?,
@@ -240,7 +240,7 @@ impl Learner {
         })
     }
 
-    /// The separation stage's loss and its gradients, without a step of Adam.
+    /// Computes the separation stage's loss and its gradients, without a step of Adam.
     #[cfg(test)]
     pub(super) fn gradients(&self, batch: &Batch) -> Result<(Tensor, GradStore)> {
         let (given, made, _, mut sum) = self.separation_losses(batch, &mut |_| {})?;
@@ -258,7 +258,7 @@ impl Learner {
         &self.device
     }
 
-    /// The networks, for inference.
+    /// Returns the networks for inference.
     pub fn networks(&self) -> Networks<'_> {
         Networks {
             vgg: self.vgg.as_ref(),
@@ -274,7 +274,7 @@ impl Learner {
         }
     }
 
-    /// Adds the terms that compare an output with its ground truth. `features` are those of the output.
+    /// Adds the terms that compare an output with its ground truth. `features` belong to the output.
     fn compare(
         &self,
         sum: &mut Sum,
@@ -293,11 +293,11 @@ impl Learner {
         Ok(())
     }
 
-    /// BT(R~) against R. Returns the discriminator's images (input, output, ground truth) and the terms.
+    /// Compares BT(R~) with R. Returns the discriminator's images (input, output, ground truth) and the terms.
     fn backtrack_losses(&self, batch: &Batch, lap: Lap) -> Result<(Tensor, Tensor, Tensor, Sum)> {
         let (Some(given), Some(truth)) = (&batch.glass_reflection, &batch.clean_reflection) else {
             candle_core::bail!(
-                "BT-net learns from glass_reflection and clean_reflection, which these examples lack: trace them, or use such examples in the separation stage only"
+                "BT-net learns from glass_reflection and clean_reflection, which these examples lack: render these layers, or use the examples only in the separation stage"
             );
         };
         let made = self.backtrack.forward(given, &self.features(given)?)?;
@@ -310,15 +310,15 @@ impl Learner {
         Ok((given.clone(), made, truth.clone(), sum))
     }
 
-    /// Features of an output, if the loss uses them.
+    /// Returns the features of an output, or none if the loss does not use them.
     fn loss_features(&self, image: &Tensor) -> Result<Vec<Tensor>> {
         if self.settings.feature_weight > 0.0 { self.features(image) } else { Ok(Vec::new()) }
     }
 
-    /// L_pst + L_pr of Kim et al.: SP(I) against T and R~, and BT(R~*) against R.
+    /// Computes L_pst + L_pr of Kim et al.: compares SP(I) with T and R~, and BT(R~*) with R.
     fn separation_losses(&self, batch: &Batch, lap: Lap) -> Result<(Tensor, Tensor, Tensor, Sum)> {
         let Some(separation) = &self.separation else {
-            candle_core::bail!("there is no SP-net in the backtrack stage");
+            candle_core::bail!("the backtrack stage has no SP-net");
         };
         let input = &batch.input;
         let made = separation.forward(input, &self.features(input)?)?;
@@ -329,10 +329,10 @@ impl Learner {
         let features = self.loss_features(&t)?;
         let names = ["transmission_l1", "transmission_feature"];
         self.compare(&mut sum, names, &t, &features, &batch.transmission)?;
-        // Real photographs have no R~ to compare with.
+        // Real pairs may lack R~ and R.
         let priori = batch.clean_reflection.as_ref().filter(|_| self.settings.a_priori);
         if batch.glass_reflection.is_some() || priori.is_some() {
-            // BT-net's input features are those of the comparison of R~*.
+            // BT-net and the comparison of R~* share these features.
             let features = self.features(&r)?;
             if let Some(truth) = &batch.glass_reflection {
                 let names = ["glass_reflection_l1", "glass_reflection_feature"];

@@ -1,7 +1,7 @@
 //! Trains networks for reflection removal on tuples.
 //!
 //! ```text
-//! source (tuples, photographs, pairs) -> example_sampler (order, crops) -> loader (ahead) -> batch
+//! source (tuples, photographs, pairs) -> example_sampler (order, crops) -> loader (reads ahead) -> batch
 //!     -> learner (networks, losses, Adam: one step) -> session (all steps, checkpoints, logs)
 //!
 //! ops/              operations that candle computes slowly or with wrong gradients
@@ -9,8 +9,8 @@
 //! generator         architecture of SP-net and BT-net   metrics, events, picture    logs of a training
 //! discriminator     conditional PatchGAN                inference     networks on images of any size
 //! loss, adam        losses and optimiser                separator     the networks of a checkpoint
-//! random            random numbers by seed and name     srgb_planes   pixels as planes
-//! mixture           photographs mixed as images, for comparison
+//! random            random numbers of seed and name     srgb_planes   pixels as planes
+//! mixture           photographs mixed in image space, for comparison
 //! run, resume       a stage's training in a run's folder, resumed from its checkpoints
 //! ```
 //!

@@ -14,14 +14,14 @@ use std::time::Duration;
 /// Largest number of steps read ahead.
 const AHEAD: usize = 8;
 
-/// Interval of polling the stop flag.
+/// Interval between checks of the stop flag.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
 type Ready = (u64, Result<Vec<Example>, ExampleError>);
 
-/// Returns the examples of one step after another.
+/// A prefetcher that returns the examples of one step after another.
 pub struct Loader {
-    /// Dropped before the threads are joined.
+    /// Finished steps. Dropped before the threads are joined.
     ready: Option<Receiver<Ready>>,
     /// Steps for the threads to read.
     tickets: Option<Sender<u64>>,
@@ -34,7 +34,7 @@ pub struct Loader {
 }
 
 impl Loader {
-    /// Starts to read for `steps`. `stop` is the other end of the sampler's channel.
+    /// Starts threads that read the examples of `steps`. `stop` is the other end of the sampler's channel.
     pub fn start(
         sampler: ExampleSampler,
         steps: Range<u64>,
@@ -80,7 +80,7 @@ impl Loader {
         }
     }
 
-    /// The examples of the next step; `None` after the last. Stops waiting when `stop` is set.
+    /// Returns the examples of the next step, or `None` after the last. Stops waiting when `stop` is set.
     pub fn next_step(&mut self, stop: &AtomicBool) -> Option<Result<Vec<Example>, ExampleError>> {
         if self.steps.is_empty() {
             return None;
@@ -97,7 +97,7 @@ impl Loader {
                 Err(RecvTimeoutError::Timeout) if !stop.load(Ordering::Relaxed) => {}
                 Err(RecvTimeoutError::Timeout) => return Some(Err(ExampleError::Stopped)),
                 Err(RecvTimeoutError::Disconnected) => {
-                    let text = "the thread that reads examples ended; its message is above";
+                    let text = "the thread that reads examples panicked; its message is above";
                     return Some(Err(ExampleError::None(text.to_owned())));
                 }
             }

@@ -1,17 +1,17 @@
-//! Losses (Kim et al., section 4, partly after Zhang et al.).
+//! Losses of Kim et al., section 4, in part from Zhang et al.
 
 use super::ops::{absolute, mean_absolute_difference};
 use candle_core::{Result, Tensor};
 
-/// Divisors of the differences of conv1_2 to conv5_2 (Zhang et al.: 2.6, 4.8, 3.7, 5.6, and 1.5 with ten times the weight).
+/// Divisors of the differences of conv1_2 to conv5_2. The last, of Zhang et al., is 1.5 with ten times the weight.
 pub const FEATURE_DIVISORS: [f64; 5] = [2.6, 4.8, 3.7, 5.6, 0.15];
 
-/// Mean absolute difference.
+/// Computes the mean absolute difference.
 pub fn l1(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     mean_absolute_difference(a, b)
 }
 
-/// Differences of features (see [`super::Vgg::features`]), each over its divisor.
+/// Sums the mean absolute differences of features (see [`super::Vgg::features`]), each divided by its divisor.
 pub fn feature_difference(features: &[Tensor], targets: &[Tensor]) -> Result<Tensor> {
     let mut sum: Option<Tensor> = None;
     for ((feature, target), divisor) in features.iter().zip(targets).zip(FEATURE_DIVISORS) {
@@ -24,7 +24,7 @@ pub fn feature_difference(features: &[Tensor], targets: &[Tensor]) -> Result<Ten
     sum.ok_or_else(|| candle_core::Error::Msg("the feature network has no features".to_owned()))
 }
 
-/// Mean of ln(1 + e^x), without overflow: max(x, 0) + ln(1 + e^-|x|).
+/// Computes the mean of ln(1 + e^x) without overflow: max(x, 0) + ln(1 + e^-|x|).
 fn softplus(x: &Tensor) -> Result<Tensor> {
     // x / 2 + |x| / 2 is max(x, 0) with softplus's gradient 1/2 at 0.
     let size = absolute(x)?;
@@ -33,12 +33,12 @@ fn softplus(x: &Tensor) -> Result<Tensor> {
     (positive + rest)?.mean_all()
 }
 
-/// The generator's loss for the logits of its output: -ln D.
+/// Computes the generator's loss from the logits of its output: -ln D.
 pub fn adversarial_loss(verdicts: &Tensor) -> Result<Tensor> {
     softplus(&verdicts.neg()?)
 }
 
-/// The discriminator's loss: half of -ln D(real) - ln(1 - D(made)).
+/// Computes the discriminator's loss: half of -ln D(real) - ln(1 - D(made)).
 pub fn discriminator_loss(real: &Tensor, made: &Tensor) -> Result<Tensor> {
     (softplus(&real.neg()?)? + softplus(made)?)? * 0.5
 }

@@ -6,7 +6,7 @@
 //! blur.rs      the Gaussian blur of both
 //! ```
 //!
-//! Each recipe is a pure function of two pictures and its random parameters, and a function that draws the parameters.
+//! Each recipe has a pure function of two pictures and random parameters, and a function that draws the parameters.
 
 mod blur;
 mod ceilnet;
@@ -23,7 +23,7 @@ pub struct Mixture {
     pub input: Picture,
     /// The unchanged front picture, the target of both recipes.
     pub transmission: Picture,
-    /// The back picture as added to the input: blurred, darkened.
+    /// The back picture as the input contains it: blurred and darkened.
     pub reflection: Picture,
     /// The unchanged back picture.
     pub clean_reflection: Picture,
@@ -32,13 +32,13 @@ pub struct Mixture {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MixtureError {
     #[error(
-        "front has {} x {} px and {} values, back {} x {} px and {}; give two pictures of one size with three values a pixel",
+        "front has {} x {} px and {} values, back has {} x {} px and {}; give two pictures of one size with three values per pixel",
         front[0], front[1], front[2], back[0], back[1], back[2]
     )]
     Sizes {
-        /// Columns, rows, values.
+        /// Columns, rows and number of values.
         front: [usize; 3],
-        /// Columns, rows, values.
+        /// Columns, rows and number of values.
         back: [usize; 3],
     },
     #[error(
@@ -47,18 +47,18 @@ pub enum MixtureError {
     TooLarge { columns: usize, rows: usize },
 }
 
-/// How pictures are mixed.
+/// Recipe of mixtures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MixtureRecipe {
-    /// [`zhang`]
+    /// Recipe of [`zhang`].
     Zhang,
-    /// [`ceilnet`]
+    /// Recipe of [`ceilnet`].
     Ceilnet,
 }
 
 impl MixtureRecipe {
-    /// Draws and mixes; `None` if the recipe refuses the pair. The number of values taken from the stream does not depend on
-    /// the pictures.
+    /// Draws parameters and mixes two pictures; returns `None` if the recipe rejects the pair. The number of values
+    /// taken from the stream does not depend on the pictures.
     pub fn mix(
         self,
         front: &Picture,
@@ -82,7 +82,7 @@ fn check(front: &Picture, back: &Picture) -> Result<(), MixtureError> {
     Ok(())
 }
 
-/// The values, clamped, in a picture of the size of `like`.
+/// Returns clamped values as a picture of the size of `like`.
 fn planes(like: &Picture, values: impl IntoIterator<Item = f64>) -> Picture {
     Picture {
         rows: like.rows,

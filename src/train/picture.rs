@@ -8,10 +8,10 @@ use render::color::SrgbEncoder;
 
 const GAP: u32 = 4;
 
-/// Widest picture of a grid, px.
+/// Largest width of a picture in a grid, px.
 const WIDEST: u32 = 256;
 
-/// An image, sRGB-coded, planar.
+/// A planar image of sRGB codes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     pub rows: usize,
@@ -49,7 +49,7 @@ pub(super) fn picture_grid(rows: &[Vec<Picture>]) -> Result<Grid, image::ImageEr
     rgb_grid(&rows)
 }
 
-/// The picture, scaled down to the width limit of a grid.
+/// Scales a picture down to the width limit of a grid.
 pub fn shrunk(picture: RgbImage) -> RgbImage {
     if picture.width() <= WIDEST {
         return picture;
@@ -58,7 +58,7 @@ pub fn shrunk(picture: RgbImage) -> RgbImage {
     imageops::thumbnail(&picture, WIDEST, height)
 }
 
-/// Rows of pictures as one PNG.
+/// Draws rows of pictures into one PNG.
 pub fn rgb_grid(rows: &[Vec<RgbImage>]) -> Result<Grid, image::ImageError> {
     let width_of = |row: &Vec<RgbImage>| row.iter().map(|p| p.width() + GAP).sum::<u32>();
     let height_of = |row: &Vec<RgbImage>| row.iter().map(RgbImage::height).max().unwrap_or(0);

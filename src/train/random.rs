@@ -1,4 +1,4 @@
-//! Random numbers of the trainer: functions of the seed, a name and a position, so that no generator state is saved.
+//! Random numbers of the trainer: functions of the seed, a name and a position, so checkpoints need no generator state.
 
 use candle_core::{Device, Result, Tensor};
 
@@ -17,30 +17,30 @@ impl Stream {
         Self { reader: hasher.finalize_xof() }
     }
 
-    /// 64 random bits.
+    /// Returns 64 random bits.
     pub fn bits(&mut self) -> u64 {
         let mut bytes = [0; 8];
         self.reader.fill(&mut bytes);
         u64::from_le_bytes(bytes)
     }
 
-    /// Uniform in (0, 1).
+    /// Returns a uniform number in (0, 1).
     pub fn unit(&mut self) -> f64 {
         ((self.bits() >> 11) as f64 + 0.5) / 9_007_199_254_740_992.0
     }
 
-    /// Uniform among 0 to `count - 1`; `count` is above 0.
+    /// Returns a uniform integer from 0 to `count - 1`; `count` must be positive.
     pub fn below(&mut self, count: usize) -> usize {
         ((u128::from(self.bits()) * count as u128) >> 64) as usize
     }
 
-    /// Standard normal (Box and Muller).
+    /// Returns a standard normal number (Box and Muller).
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * libm::log(self.unit())).sqrt();
         radius * libm::cos(std::f64::consts::TAU * self.unit())
     }
 
-    /// A tensor of normal numbers of mean 0 and this deviation.
+    /// Returns a tensor of normal numbers with mean 0 and this standard deviation.
     pub fn normal_tensor(
         &mut self,
         shape: &[usize],
@@ -52,7 +52,7 @@ impl Stream {
         Tensor::from_vec(values, shape, device)
     }
 
-    /// 0 to `count - 1` in random order (Fisher and Yates).
+    /// Returns 0 to `count - 1` in random order (Fisher and Yates).
     pub fn permutation(&mut self, count: usize) -> Vec<usize> {
         let mut order: Vec<usize> = (0..count).collect();
         for place in (1..count).rev() {
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn distributions_are_as_stated() {
+    fn numbers_have_the_documented_distributions() {
         let mut stream = Stream::new(1, "moments");
         let values: Vec<f64> = (0..40_000).map(|_| stream.normal()).collect();
         let mean = values.iter().sum::<f64>() / 40_000.0;

@@ -1,4 +1,4 @@
-//! The start of a training: the stage's newest checkpoint, the BT-net of the stage before, or new networks.
+//! The start of a training: the stage's newest checkpoint, the BT-net of the backtrack stage, or new networks.
 
 use super::checkpoint::{Checkpoint, Origin, code_path, stage_folder};
 use super::error::TrainError;
@@ -14,18 +14,18 @@ use render::shard::scene_digest;
 use std::fs::{File, TryLockError};
 use std::path::Path;
 
-/// Settings of the architecture, which the next stage takes over.
+/// Settings of the architecture, which the separation stage inherits from the backtrack stage.
 const OF_NETWORKS: [&str; 4] = ["features", "vgg_divisor", "width", "start"];
 
-/// The checkpoints to start from.
+/// The checkpoints that a training starts from.
 pub(super) struct Beginning {
     /// The newest checkpoint of this stage.
     pub(super) own: Option<Checkpoint>,
-    /// The newest BT-net, if the separation stage has no checkpoint yet.
+    /// The newest checkpoint of the backtrack stage, if the separation stage has none yet.
     before: Option<Checkpoint>,
 }
 
-/// Locks a stage's folder until the file is dropped.
+/// Locks a stage's folder until the returned file is dropped.
 pub(super) fn lock(folder: &Path) -> Result<File, TrainError> {
     render::atomic_file::create_dir(folder)?;
     let path = folder.join("train.lock");
@@ -42,7 +42,7 @@ pub(super) fn lock(folder: &Path) -> Result<File, TrainError> {
 }
 
 impl Beginning {
-    /// Finds the checkpoints and warns of damaged ones.
+    /// Finds the checkpoints and warns of damaged checkpoints.
     pub(super) fn find(
         run: &Path,
         stage: Stage,
@@ -53,8 +53,8 @@ impl Beginning {
             let (checkpoint, refused) = Checkpoint::newest(&stage_folder(run, stage), device);
             for error in refused {
                 let older = match &checkpoint {
-                    Some(older) => format!("the one of step {} is taken", older.state.step),
-                    None => "there is no other".to_owned(),
+                    Some(older) => format!("step {} is used instead", older.state.step),
+                    None => "no older one is usable".to_owned(),
                 };
                 watcher.warning(&format!("{error}; {older}"));
             }
@@ -72,7 +72,7 @@ impl Beginning {
         self.own.as_ref().map_or(0, |own| own.state.step)
     }
 
-    /// The settings of the training, which must be those of its checkpoint.
+    /// Returns the settings of the training, which must equal those that its checkpoint fixes.
     pub(super) fn settings(&self, training: &Training) -> Result<TrainSettings, TrainError> {
         let frozen = self.own.as_ref().or(self.before.as_ref());
         let settings = (training.settings)(frozen.map(|frozen| &frozen.state.settings));
@@ -99,7 +99,7 @@ impl Beginning {
         Ok(settings)
     }
 
-    /// The inputs besides the settings, which must equal those of the checkpoint.
+    /// Returns the inputs besides the settings, which must equal those of the checkpoint.
     pub(super) fn origin(
         &self,
         lines: &[SceneLine],
@@ -126,13 +126,13 @@ impl Beginning {
             check_origin(own, &origin)?;
             if own.state.code_path != code_path() {
                 watcher.warning(&format!(
-                    "the checkpoint was computed with {} instructions, this machine has {}: the last bits will differ from here on",
+                    "the checkpoint was computed with {} instructions, but this machine has {}: the last bits will differ",
                     own.state.code_path,
                     code_path()
                 ));
             }
         }
-        // BT-net only works with the features of its own training.
+        // BT-net works only with the features that it was trained with.
         match &self.before {
             Some(before) if before.state.origin.vgg_blake3 != origin.vgg_blake3 => {
                 Err(other_origin(VGG, before))
@@ -141,7 +141,7 @@ impl Beginning {
         }
     }
 
-    /// Random networks, with the BT-net of the stage before. [`super::Session`] restores the stage's own checkpoint.
+    /// Creates random networks and loads BT-net if needed. [`super::Session`] restores the stage's own checkpoint.
     pub(super) fn learner(
         &self,
         stage: Stage,

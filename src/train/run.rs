@@ -22,7 +22,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-/// Threads that read examples: reading is much faster than training.
+/// Number of threads that read examples. Reading is much faster than training.
 const READERS: usize = 1;
 /// Limits of the default number of steps between checkpoints, a twentieth of all steps.
 const CHECKPOINT_EVERY: [u64; 2] = [10, 1000];
@@ -32,42 +32,42 @@ pub struct Training<'a> {
     /// Folder of the run; checkpoints go to `train/STAGE` in it.
     pub run: PathBuf,
     pub stage: Stage,
-    /// Total steps, including those of earlier calls.
+    /// Total number of steps, including those of earlier calls.
     pub steps: u64,
-    /// Scenes of the run: the split "train" for training, "test" for validation.
+    /// Scenes of the run: split `train` for training, `test` for validation.
     pub scenes: &'a [SceneLine],
     pub tuples: Arc<dyn TupleFiles>,
     /// Named folders of the photographs, for mixtures.
     pub roots: Roots,
     pub inputs: Box<dyn InputFiles + Send + Sync>,
-    /// Real pairs; `None` if no folder of them was given.
+    /// Real pairs; `None` if no folder was given.
     pub pairs: Option<Vec<Pair>>,
-    /// Returns the settings, given those of a checkpoint, if there is one.
+    /// Function that returns the settings, given those of a checkpoint, if any.
     pub settings: &'a dyn Fn(Option<&TrainSettings>) -> TrainSettings,
     /// File of VGG-19's weights, if the settings need one.
     pub features: Option<PathBuf>,
     pub device: Device,
-    /// Steps between checkpoints; a twentieth of `steps` if `None`.
+    /// Number of steps between checkpoints; `None` for a twentieth of `steps`, from 10 to 1,000.
     pub checkpoint_every: Option<u64>,
     /// Number of checkpoints to keep besides the best.
     pub keep: usize,
     /// Largest number of validation scenes.
     pub validate: usize,
-    /// Steps between grids of pictures, 0 for none; as checkpoints if `None`.
+    /// Number of steps between grids of pictures; 0 for no grids, `None` for a grid per checkpoint.
     pub pictures_every: Option<u64>,
     /// Memory for examples, bytes.
     pub memory_bytes: usize,
-    /// Only check; write and train nothing.
+    /// True to check only, without training or writing.
     pub dry_run: bool,
 }
 
-/// The result of a training. Its keys are those of `glasshouse.train/1`.
+/// The result of a training, with the keys of `glasshouse.train/1`.
 #[derive(Clone, Debug, Serialize)]
 pub struct TrainSummary {
     pub run: PathBuf,
     pub stage: &'static str,
     pub dry_run: bool,
-    /// Steps of earlier calls.
+    /// Number of steps of earlier calls.
     pub from_step: u64,
     /// Number of trainable weights.
     pub parameters: usize,
@@ -100,7 +100,7 @@ impl fmt::Display for TrainSummary {
             return f.write_str("would train; nothing is written");
         };
         match trained.taken {
-            0 => write!(f, "was at step {}", trained.step)?,
+            0 => write!(f, "already at step {}", trained.step)?,
             taken => write!(f, "took {taken} steps to step {}", trained.step)?,
         }
         if let Some(loss) = trained.loss {
@@ -116,8 +116,8 @@ impl fmt::Display for TrainSummary {
     }
 }
 
-/// Trains up to `training.steps` total steps or until `stop` is set. Resumes from the newest checkpoint of the stage; the
-/// separation stage starts with the newest BT-net.
+/// Trains up to `training.steps` total steps or until `stop` is set. Resumes from the newest checkpoint of the stage;
+/// the separation stage starts with the newest BT-net.
 pub fn run(
     training: Training<'_>,
     watcher: &mut dyn Watcher,
@@ -225,11 +225,11 @@ fn warn_of_missing(
     if missing > 0 {
         watcher.warning(&if follow {
             format!(
-                "{missing} of {all} train scenes have no tuple yet: the training waits for them"
+                "{missing} of {all} train scenes have no tuple yet; training waits for them"
             )
         } else {
             format!(
-                "{missing} of {all} train scenes have no tuple: others take their place; --follow waits for the farm"
+                "{missing} of {all} train scenes have no tuple: other scenes replace them; --follow waits for the farm"
             )
         });
     }
@@ -248,7 +248,7 @@ fn schedule(training: &Training) -> Schedule {
     }
 }
 
-/// Whole images of the first test scenes that have a tuple.
+/// Reads whole images of the first test scenes that have a tuple.
 fn validation(training: &Training, settings: &TrainSettings) -> Result<Vec<Example>, ExampleError> {
     let source = TupleSource {
         files: Arc::clone(&training.tuples),

@@ -1,4 +1,4 @@
-//! Trainings of real pairs in a temporary folder, without a process, a store or a farm.
+//! Trainings on real pairs in a temporary folder, inside the test's process, without a store or a farm.
 
 use super::*;
 use candle_core::Device;
@@ -10,7 +10,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// A run without any tuple.
+/// A run without tuples.
 struct NoTuples;
 
 impl TupleFiles for NoTuples {
@@ -53,7 +53,7 @@ impl Watcher for Seen {
     }
 }
 
-/// Three pairs of 40 x 36 px with all four layers.
+/// Writes three pairs of 40 x 36 px with all four layers.
 fn pairs(folder: &Path) -> Vec<Pair> {
     let layers = ["blended", "transmission", "reflection", "clean_reflection"];
     (0..3u32)
@@ -147,7 +147,7 @@ fn a_training_resumes_to_the_same_bits_and_starts_the_next_stage() {
     assert!(model(whole, 4) == model(parts, 4));
     // No step is left.
     let done = go(parts, Stage::Backtrack, 3, &mut ());
-    assert!(done.to_string().starts_with("was at step 4"), "{done}");
+    assert!(done.to_string().starts_with("already at step 4"), "{done}");
     let json = serde_json::to_value(&done).unwrap();
     assert_eq!((&json["steps_taken"], json.get("wall_s")), (&0.into(), None));
 
@@ -170,7 +170,7 @@ fn impossible_trainings_are_refused_with_a_reason() {
     assert!(matches!(error, TrainError::NoBacktrack { .. }), "{error}");
     let error = refused(Training { pairs: None, ..backtrack(2) });
     assert!(matches!(error, TrainError::NoRealPairs { .. }), "{error}");
-    // A dry run leaves nothing behind.
+    // A dry run writes no checkpoint.
     let dry = run(Training { dry_run: true, ..backtrack(2) }, &mut (), &stop).unwrap();
     assert_eq!(dry.to_string(), "would train; nothing is written");
     assert!(steps(&stage_folder(folder, Stage::Backtrack)).is_empty());

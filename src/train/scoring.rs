@@ -1,4 +1,4 @@
-//! A run's tuples and trained networks for scoring by [`compose`].
+//! Scoring of a run's tuples and of trained networks by [`compose`].
 
 use super::inference::LEAST_PX;
 use super::separator::Separator;
@@ -8,7 +8,7 @@ use compose::{Method, Subject, Unread, WithTruth};
 use image::RgbImage;
 use std::error::Error;
 
-/// Inputs and transmissions, as 8-bit pictures.
+/// Provides inputs and transmissions as 8-bit pictures.
 impl Subject for TupleSource {
     fn count(&self) -> usize {
         self.lines.len()
@@ -23,14 +23,12 @@ impl Subject for TupleSource {
         let example = match Self::read(self, index)? {
             Some(Base::Example(example)) => example,
             Some(Base::Photographs { .. }) => {
-                return Err(Unread::Unreadable("it is no tuple".to_owned()));
+                return Err(Unread::Unreadable("it is not a tuple".to_owned()));
             }
             None if self.is_in_quarantine(index)? => {
-                return missing(
-                    "its scene is in quarantine; `glasshouse retry` has it tried again",
-                );
+                return missing("its scene is in quarantine; `glasshouse retry` takes it out");
             }
-            None => return missing("it has no tuple yet; `glasshouse work` makes it"),
+            None => return missing("it has no tuple yet; `glasshouse work` renders it"),
         };
         let picture = |planes: &[f32]| {
             let (width, height) = (example.columns as u32, example.rows as u32);

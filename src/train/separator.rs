@@ -10,16 +10,16 @@ use image::RgbImage;
 use plan::{SettingError, Stage, TrainSettings};
 use std::path::PathBuf;
 
-/// Why the networks of a checkpoint cannot be used.
+/// Errors of loading the networks of a checkpoint.
 #[derive(Debug, thiserror::Error)]
 pub enum SeparatorError {
     #[error(
-        "{} is of the backtrack stage: it holds BT-net alone, which separates nothing; give a checkpoint of the separation stage",
+        "{} belongs to the backtrack stage and holds BT-net alone; use a checkpoint of the separation stage",
         path.display()
     )]
     NoSeparation { path: PathBuf },
     #[error(
-        "{} was trained with features of VGG-19 weights of BLAKE3 {expected}, but those given have {found}; give the file that it was trained with",
+        "{} was trained with features of VGG-19 weights of BLAKE3 {expected}, but the given weights have {found}; use the file of its training",
         path.display()
     )]
     OtherFeatures {
@@ -31,7 +31,7 @@ pub enum SeparatorError {
     },
     #[error("the settings of {} are damaged: {source}", path.display())]
     Settings { path: PathBuf, source: SettingError },
-    #[error("the networks of {} do not fit its settings: {source}; take another checkpoint", path.display())]
+    #[error("the networks of {} do not fit its settings: {source}; use another checkpoint", path.display())]
     Weights { path: PathBuf, source: candle_core::Error },
 }
 
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn a_separator_gives_the_results_of_its_learner() {
+    fn separators_reproduce_the_output_of_their_learner() {
         let folder = tempfile::tempdir().unwrap();
         let settings = settings();
         let checkpoint = checkpoint(folder.path(), Stage::Separation, &settings);

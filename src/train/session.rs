@@ -19,24 +19,24 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// PSNR of equal pictures, dB: keeps means finite.
+/// PSNR that equal pictures get, dB, so that means are finite.
 const MOST_DB: f64 = 100.0;
 
 /// Intervals of checkpoints and pictures. They do not change the weights.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
     pub until: u64,
-    /// Steps between checkpoints; the last step always has one.
+    /// Number of steps between checkpoints; the last step always has a checkpoint.
     pub checkpoint_every: u64,
     /// Number of checkpoints to keep besides the best.
     pub keep: usize,
-    /// Steps between grids of pictures; 0 for none.
+    /// Number of steps between grids of pictures; 0 for no grids.
     pub pictures_every: u64,
 }
 
 /// Receives the events of a training.
 pub trait Watcher {
-    /// Training starts with these steps, each with a batch of this size.
+    /// Reports the steps to train and the number of examples per step.
     fn begins(&mut self, _steps: Range<u64>, _batch: usize) {}
     fn step(&mut self, _step: u64, _losses: &StepLosses, _wall_s: f64) {}
     fn checkpoint(&mut self, _step: u64, _path: &Path, _validation_psnr_db: Option<f64>) {}
@@ -46,39 +46,39 @@ pub trait Watcher {
 
 impl Watcher for () {}
 
-/// How a training ended.
+/// The result of [`Session::run`].
 #[derive(Clone, Debug, Serialize)]
 pub struct Trained {
     pub step: u64,
-    /// Steps of this call.
+    /// Number of steps of the call.
     #[serde(rename = "steps_taken")]
     pub taken: u64,
-    /// The newest checkpoint, if there is one.
+    /// Folder of the newest checkpoint, if any.
     pub checkpoint: Option<PathBuf>,
-    /// Loss of the last step of this call.
+    /// Loss of the last step of the call.
     pub loss: Option<f32>,
     /// Validation PSNR of the newest checkpoint, dB.
     pub validation_psnr_db: Option<f64>,
-    /// Seconds of the steps alone, without checkpoints and logs.
+    /// Duration of the steps without checkpoints and logs, s.
     #[serde(skip)]
     pub busy_s: f64,
-    /// The stop flag ended it.
+    /// True if the stop flag ended the call.
     #[serde(skip)]
     pub stopped: bool,
 }
 
-/// `best.json`.
+/// Contents of `best.json`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Best {
     /// Step of the checkpoint.
     pub step: u64,
-    /// Mean over the validation scenes, dB.
+    /// Mean PSNR of the validation scenes, dB.
     pub validation_psnr_db: f64,
 }
 
 impl Best {
-    /// The best checkpoint of a stage, if any was validated.
+    /// Reads `best.json` of a stage; returns `None` if no checkpoint was validated.
     pub fn read(stage_folder: &Path) -> Option<Self> {
         let bytes = std::fs::read(stage_folder.join("best.json")).ok()?;
         serde_json::from_slice(&bytes).ok()
@@ -168,7 +168,7 @@ impl Session {
                     break;
                 }
                 Some(Err(error)) => {
-                    // The steps so far are kept.
+                    // A checkpoint saves the steps so far.
                     self.write_rest(&metrics, schedule, watcher)?;
                     return Err(error.into());
                 }
@@ -188,7 +188,7 @@ impl Session {
             let validated = if is_due { self.validate()? } else { None };
             metrics.add(self.step, &losses, validated, wall_s).map_err(write_error(csv.clone()))?;
             if is_due {
-                // Metrics first, and durably: steps of a checkpoint are not repeated, so a lost line would stay lost.
+                // Metrics become durable first, because training does not repeat the steps of a checkpoint.
                 metrics.sync().map_err(write_error(csv.clone()))?;
                 self.write(validated, schedule, watcher)?;
             }
@@ -276,7 +276,7 @@ impl Session {
         Ok(())
     }
 
-    /// Mean PSNR of the outputs for the validation images as 8-bit pictures, dB.
+    /// Returns the mean PSNR of the outputs for the validation images, as 8-bit pictures, dB.
     fn validate(&self) -> Result<Option<f64>, TrainError> {
         let mut sum = 0.0;
         let mut count = 0u32;
@@ -293,7 +293,7 @@ impl Session {
         Ok((count > 0).then(|| sum / f64::from(count)))
     }
 
-    /// The input of an example, the networks' output, the ground truth and other layers; nothing if a layer is missing.
+    /// Returns an example's input, the output, the ground truth and other layers; nothing if BT-net lacks a layer.
     fn made(&self, example: &Example) -> Result<Vec<Picture>, TrainError> {
         let picture = |planes: &Vec<f32>| Picture {
             rows: example.rows,
@@ -325,7 +325,7 @@ impl Session {
         })
     }
 
-    /// A PNG with a row for each validation image: I, T*, T, R~*, R~, R*, R, or R~, R*, R.
+    /// Draws a PNG with a row for each of up to four validation images: I, T*, T, R~*, R~, R*, R, or R~, R*, R.
     fn pictures(&self) -> Result<Option<Grid>, TrainError> {
         let mut rows = Vec::new();
         for example in self.validation.iter().take(4) {

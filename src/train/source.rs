@@ -1,4 +1,4 @@
-//! Sources of examples: the run's tuples, its photographs, real photographs.
+//! Sources of examples: the run's tuples, its photographs, and pairs of real photographs.
 
 use super::example::{Example, Planes};
 use super::picture::Picture;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 #[derive(Debug, thiserror::Error)]
 pub enum ExampleError {
     #[error(
-        "{file}: {reason}; `glasshouse audit` finds what else is damaged, `glasshouse retry` has it made anew"
+        "{file}: {reason}; `glasshouse audit` finds other damage, `glasshouse retry --anew` resets the scene"
     )]
     Damaged {
         /// Key in the store.
@@ -37,15 +37,15 @@ pub enum ExampleError {
 #[error(transparent)]
 pub struct TupleFilesError(pub Box<dyn std::error::Error + Send + Sync>);
 
-/// The tuples of a run, wherever they are stored.
+/// Access to the tuples of a run in any store.
 pub trait TupleFiles: Send + Sync {
-    /// One file of a scene's tuple; `None` if it does not exist.
+    /// Returns one file of a scene's tuple, or `None` if the file does not exist.
     fn get(&self, scene: &SceneId, file: &str) -> Result<Option<Vec<u8>>, TupleFilesError>;
 
-    /// A quarantined scene gets no tuple unless it is retried.
+    /// True if the scene is in quarantine, so that it gets no tuple unless it is retried.
     fn is_quarantined(&self, scene: &SceneId) -> Result<bool, TupleFilesError>;
 
-    /// Number of these scenes with a tuple.
+    /// Returns the number of these scenes that have a tuple.
     fn count(&self, scenes: &[SceneId]) -> Result<usize, TupleFilesError>;
 }
 
@@ -70,7 +70,7 @@ impl Base {
     }
 }
 
-/// Tuples, by the scenes of a manifest.
+/// The tuples of scene lines.
 pub struct TupleSource {
     pub files: Arc<dyn TupleFiles>,
     pub lines: Vec<SceneLine>,
@@ -78,14 +78,14 @@ pub struct TupleSource {
 }
 
 impl TupleSource {
-    /// A scene's tuple; `None` if it does not exist yet.
+    /// Reads a scene's tuple; returns `None` if it does not exist yet.
     pub fn read(&self, index: usize) -> Result<Option<Base>, ExampleError> {
         let line = &self.lines[index];
         let Some(json) = self.files.get(&line.id, "tuple.json")? else {
             return Ok(None);
         };
         if !is_record_of(&json, line) {
-            // The farm replaces tuples of another plan or version.
+            // The tuple belongs to another plan or version; the farm replaces it.
             return Ok(None);
         }
         let file = tuple_key(&line.id, "tuple.json");
@@ -120,7 +120,7 @@ impl TupleSource {
         let key = tuple_key(&line.id, name);
         match self.files.get(&line.id, name)? {
             Some(bytes) => Ok((key, bytes)),
-            None => Err(damaged(&key, &"it is gone, though its tuple.json is there")),
+            None => Err(damaged(&key, &"it is missing, although its tuple.json exists")),
         }
     }
 
@@ -150,7 +150,7 @@ impl TupleSource {
                 .map_err(|e| damaged(&key, &e))?
                 .into_rgb8();
             if [picture.width(), picture.height()] != [line.film.width, line.film.height] {
-                return Err(damaged(&key, &"its size differs from its scene's film"));
+                return Err(damaged(&key, &"its size differs from the scene's film"));
             }
             *layer = Some(planes_of_bytes(picture.as_raw()));
         }
@@ -158,7 +158,7 @@ impl TupleSource {
     }
 }
 
-/// Key of a tuple's file in a run, for messages.
+/// Returns the key of a tuple's file in a run, for messages.
 fn tuple_key(scene: &SceneId, file: &str) -> String {
     format!("tuples/{scene}/{file}")
 }
@@ -167,17 +167,17 @@ fn damaged(file: &str, reason: &dyn std::fmt::Display) -> ExampleError {
     ExampleError::Damaged { file: file.to_owned(), reason: reason.to_string() }
 }
 
-/// The photographs of a manifest's scenes, without depth.
+/// The photographs of scene lines, without depth.
 pub struct PhotographSource {
     pub lines: Vec<SceneLine>,
     pub roots: Roots,
-    /// Base of relative paths.
+    /// Folder that relative paths start from.
     pub base: PathBuf,
     pub inputs: Box<dyn InputFiles + Send + Sync>,
 }
 
 impl PhotographSource {
-    /// A scene's two photographs at its film's size: the largest central crop of its aspect ratio.
+    /// Reads a scene's two photographs: the largest central crops with the film's aspect ratio, at the film's size.
     pub fn read(&self, index: usize) -> Result<Base, ExampleError> {
         let line = &self.lines[index];
         let unusable =
@@ -192,15 +192,15 @@ impl PhotographSource {
                 let size_px = [sheet.color_width as u32, sheet.color_height as u32];
                 Ok(fitted(&sheet.radiance, size_px, size))
             }
-            Decoded::Mesh(_) => Err(unusable(
-                "it has a mesh, no photograph: mixtures are made of photographs".to_owned(),
-            )),
+            Decoded::Mesh(_) => {
+                Err(unusable("a side of it is a mesh: mixtures need two photographs".to_owned()))
+            }
         };
         Ok(Base::Photographs { front: part(&decoded.front)?, back: part(&decoded.back)? })
     }
 }
 
-/// The central crop of a picture at another size, sRGB-coded.
+/// Crops a picture centrally, scales it to another size and encodes it in sRGB.
 fn fitted(
     radiance: &[[f32; 4]],
     [width, height]: [u32; 2],
@@ -239,7 +239,7 @@ impl PairSource {
             let picture = read_picture(path).map_err(|e| unusable(e.to_string()))?;
             if picture.dimensions() != input.dimensions() {
                 return Err(unusable(format!(
-                    "{} is {:?} px, but its photograph {:?}",
+                    "{} has {:?} px, but its photograph has {:?} px",
                     path.display(),
                     picture.dimensions(),
                     input.dimensions()

@@ -5,7 +5,7 @@ use exr::prelude::f16;
 use render::color::linear_to_srgb;
 use std::sync::LazyLock;
 
-/// sRGB codes of all half floats from 0 to 1, by their bits: tuples hold half floats.
+/// sRGB codes of all half floats from 0 to 1, indexed by their bits. Tuples store half floats.
 static OF_HALVES: LazyLock<Vec<f32>> = LazyLock::new(|| {
     let one = f16::ONE.to_bits();
     (0..=one).map(|bits| linear_to_srgb(f16::from_bits(bits).to_f32()) as f32).collect()
@@ -28,7 +28,7 @@ pub(super) fn planes_of_linear(pixels: &[[f32; 3]]) -> Planes {
     planes
 }
 
-/// Planes of 8-bit sRGB pixels, R G B R G B.
+/// Splits 8-bit sRGB pixels, R G B R G B, into planes.
 pub fn planes_of_bytes(bytes: &[u8]) -> Planes {
     let pixels = bytes.len() / 3;
     let mut planes = vec![0.0; 3 * pixels];
@@ -40,7 +40,7 @@ pub fn planes_of_bytes(bytes: &[u8]) -> Planes {
     planes
 }
 
-/// The inverse of [`planes_of_bytes`]: clamped and rounded.
+/// Inverts [`planes_of_bytes`]; clamps and rounds the values.
 pub fn bytes_of_planes(planes: &[f32]) -> Vec<u8> {
     let pixels = planes.len() / 3;
     let mut bytes = vec![0; 3 * pixels];
@@ -58,7 +58,7 @@ mod tests {
     use render::color::{SrgbEncoder, srgb_to_linear};
 
     #[test]
-    fn codes_are_those_of_the_pictures() {
+    fn codes_equal_those_of_the_png_files() {
         let encoder = SrgbEncoder::new();
         let linear: Vec<[f32; 3]> = (0..=255u8)
             .map(|code| [srgb_to_linear(code), f16::from_f32(srgb_to_linear(code)).to_f32(), 1.5])

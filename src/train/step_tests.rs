@@ -4,7 +4,7 @@ use super::*;
 use candle_core::{Device, Tensor, Var};
 use std::collections::HashMap;
 
-/// Network widths of the script. The script divides VGG's widths by `DIVISOR`.
+/// Network widths in the script, which divides VGG's widths by `DIVISOR`.
 const DIVISOR: usize = 32;
 const WIDTH: usize = 6;
 const DISCRIMINATOR_WIDTH: usize = 4;
@@ -136,7 +136,7 @@ fn bt_net_does_not_change_without_the_a_priori_loss() {
     assert_eq!(names, "transmission_l1 glass_reflection_l1 clean_reflection_l1 adversarial");
 }
 
-/// An image of sine waves.
+/// Returns an image of sine waves.
 fn waves(phase: f64, scale: f64) -> Vec<f32> {
     let value = |channel: usize, y: usize, x: usize| {
         let (x, y) = (x as f64 / 8.0, y as f64 / 11.0);
@@ -174,5 +174,5 @@ fn one_example_can_be_overfitted() {
     let last = (1..400).map(term).collect::<Vec<_>>()[390..].iter().sum::<f32>() / 9.0;
     let input = example.input.iter().zip(&example.transmission);
     let unprocessed = input.map(|(a, b)| (a - b).abs()).sum::<f32>() / example.input.len() as f32;
-    assert!(last < 0.3 * unprocessed, "from {first} to {last}; the input is {unprocessed} off");
+    assert!(last < 0.3 * unprocessed, "error: {first}, then {last}; of the input: {unprocessed}");
 }

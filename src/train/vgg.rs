@@ -67,8 +67,8 @@ impl Vgg {
         })
     }
 
-    /// Initialises weights from a seed (He et al., standard deviation sqrt(2 / inputs)). They suit the feature loss
-    /// nearly as well, but their features carry little meaning.
+    /// Initialises weights from a seed (He et al., standard deviation sqrt(2 / inputs)). Random features suit the
+    /// feature loss nearly as well, but carry little meaning.
     pub fn random(seed: u64, narrow: usize, device: &Device) -> Result<Self> {
         Self::of(narrow, device, |place, [width, channels]| {
             let deviation = (2.0 / (9 * channels) as f64).sqrt();
@@ -78,7 +78,7 @@ impl Vgg {
         })
     }
 
-    /// `layer` returns kernel and bias of the convolution at an index, for the given numbers of outputs and inputs.
+    /// Builds the network. `layer` returns kernel and bias of a convolution, given its index, outputs and inputs.
     fn of<E: From<candle_core::Error>>(
         narrow: usize,
         device: &Device,

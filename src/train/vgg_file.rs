@@ -1,4 +1,4 @@
-//! VGG-19 by the settings: none, random, or from a file of torchvision's weights.
+//! The feature network of the settings: none, or VGG-19 with random weights or torchvision's weights from a file.
 
 use super::vgg::{Vgg, VggError};
 use candle_core::{Device, Tensor};
@@ -9,11 +9,11 @@ use std::path::{Path, PathBuf};
 /// Errors of loading the feature network.
 #[derive(Debug, thiserror::Error)]
 pub enum FeaturesError {
-    #[error("these networks see features of a VGG-19 from a file: give it with --features FILE")]
+    #[error("these networks use features of a VGG-19 from a file: name it with --features FILE")]
     NoFile,
     #[error("cannot read {}: {source}; check the path", path.display())]
     Read { path: PathBuf, source: std::io::Error },
-    #[error("{} holds no VGG-19 that can be used: {source}", path.display())]
+    #[error("{} holds no usable VGG-19: {source}", path.display())]
     Weights { path: PathBuf, source: VggError },
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
@@ -22,14 +22,14 @@ pub enum FeaturesError {
 /// The feature network, and the digest of its file.
 #[derive(Default)]
 pub struct Features {
-    /// `None` for networks that see colours only.
+    /// `None` for networks that use only colours.
     pub vgg: Option<Vgg>,
-    /// BLAKE3 of the file, if the weights are from one.
+    /// BLAKE3 of the weights file, if the features use one.
     pub blake3: Option<String>,
 }
 
 impl Features {
-    /// Loads the feature network of `settings`; `file` has its weights, if they need one.
+    /// Loads the feature network of `settings`. `file` holds its weights, if the settings need a file.
     pub fn load(
         settings: &TrainSettings,
         file: Option<&Path>,

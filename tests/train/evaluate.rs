@@ -270,7 +270,7 @@ fn separations_that_cannot_be_are_refused() {
     run(&["train", run_folder, "--stage", "separation", "--steps", "6", "-q"]).expect(0);
     let newest = stage.join("step-0000006");
     std::fs::write(newest.join("model.safetensors"), b"nothing").unwrap();
-    separate(text(&newest), &[text(&image)], &out).expect(4).says(&["is not what was written"]);
+    separate(text(&newest), &[text(&image)], &out).expect(4).says(&["does not match its digest"]);
     std::fs::remove_file(stage.join("best.json")).unwrap();
     let ended = separate(run_folder, &[text(&image)], &out).expect(0);
     assert!(ended.stdout.contains("step 4"), "{ended:?}");

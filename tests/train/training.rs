@@ -249,7 +249,7 @@ fn a_damaged_checkpoint_gives_way_to_the_one_before() {
         let ended = run(&place.arguments("backtrack", "30", &["--json"])).expect(0).says(&[
             "step-0000030",
             name,
-            "the one of step 20 is taken",
+            "step 20 is used instead",
         ]);
         assert_eq!(ended.json()["from_step"].as_u64(), Some(20));
         assert!(place.checkpoint("backtrack", 30) == reference()[0], "{name}");

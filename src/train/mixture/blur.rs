@@ -8,7 +8,7 @@ pub(super) enum Border {
     Mirrored,
 }
 
-/// Blurs each plane of three.
+/// Blurs each plane.
 pub(super) fn blur(
     values: &[f64],
     rows: usize,
@@ -18,7 +18,7 @@ pub(super) fn blur(
 ) -> Vec<f64> {
     let mut blurred = Vec::with_capacity(values.len());
     for plane in values.chunks(rows * columns) {
-        // Two passes along rows, each transposing the result.
+        // Both passes blur along rows and transpose.
         let once = blur_rows(plane, columns, kernel, border);
         blurred.extend(blur_rows(&once, rows, kernel, border));
     }
@@ -57,7 +57,7 @@ fn at(row: &[f64], place: isize, border: Border) -> f64 {
     }
 }
 
-/// A Gaussian of `width` values, an odd number, whose sum is 1.
+/// Returns an odd number `width` of Gaussian weights with sum 1.
 pub(super) fn gaussian(width: usize, sigma: f64) -> Vec<f64> {
     let middle = (width / 2) as f64;
     let weights: Vec<f64> =

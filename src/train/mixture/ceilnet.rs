@@ -1,8 +1,8 @@
-//! Mixtures of Fan, Yang, Hua, Chen and Wipf, "A Generic Deep Architecture for Single Image Reflection Removal and Image
-//! Smoothing", ICCV 2017.
+//! Mixtures of Fan, Yang, Hua, Chen and Wipf, "A Generic Deep Architecture for Single Image Reflection Removal and
+//! Image Smoothing", ICCV 2017.
 //!
-//! After `generate_data_reflection.lua` of fqnchina/CEILNet, which ERRNet's `ReflectionSythesis_1` repeats: the pictures' codes
-//! are added without decoding, and one number is subtracted from all channels of the reflection if the sum overflows.
+//! Follows `generate_data_reflection.lua` of fqnchina/CEILNet, like ERRNet's `ReflectionSythesis_1`: adds the codes
+//! without decoding, and subtracts one number from all channels of the reflection if the sum overflows.
 
 use super::blur::{Border, blur, gaussian};
 use super::{Mixture, MixtureError, Picture, check, doubles, planes};
@@ -21,14 +21,14 @@ pub struct CeilnetDraw {
 }
 
 impl CeilnetDraw {
-    /// Takes one number from the stream.
+    /// Draws the parameters; takes one number from the stream.
     pub fn draw(stream: &mut Stream) -> Self {
         Self { sigma_px: 2.0 + 3.0 * stream.unit() }
     }
 }
 
-/// Mixes two pictures; the back one is black beyond its border. The reflection is the input minus the front picture, as in
-/// CEILNet's files (`label2`); where the sum is clipped it is smaller than in ERRNet.
+/// Mixes two pictures; the back picture is black beyond its border. The reflection is the input minus the front
+/// picture, as in CEILNet's files (`label2`); where the sum is clipped, the reflection is smaller than in ERRNet.
 pub fn ceilnet(
     front: &Picture,
     back: &Picture,

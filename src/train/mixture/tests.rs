@@ -1,4 +1,4 @@
-//! Mixtures against numpy's, SciPy's and OpenCV's (`tests/train/mixtures.py` makes them).
+//! Compares mixtures with those of numpy, SciPy and OpenCV, which `tests/train/mixtures.py` computes.
 
 use super::*;
 use candle_core::{Device, Tensor};
@@ -27,7 +27,7 @@ fn assert_near(found: &Picture, expected: &Tensor, what: &str) {
 }
 
 #[test]
-fn mixtures_equal_those_of_the_original_programs() {
+fn mixtures_equal_the_python_reference() {
     let all = expected();
     let back = picture(&all["back"]);
     for front_name in ["bright", "dim"] {
@@ -65,7 +65,7 @@ fn even(rows: usize, columns: usize, value: f32) -> Picture {
 }
 
 #[test]
-fn draws_keep_to_their_ranges() {
+fn drawn_parameters_are_in_range() {
     let mut stream = Stream::new(5, "mixture");
     let (mut least, mut most) = (f64::INFINITY, 0.0f64);
     for _ in 0..2000 {
@@ -105,7 +105,7 @@ fn a_seed_determines_the_mixture() {
     for recipe in [MixtureRecipe::Zhang, MixtureRecipe::Ceilnet] {
         let made = |seed| {
             let mut stream = Stream::new(seed, "mixture");
-            // A dark vignette refuses a draw, so try again.
+            // Zhang's recipe rejects dark mixtures, so try again.
             let tries = std::iter::repeat_with(|| recipe.mix(&front, &back, &mut stream).unwrap());
             tries.flatten().next().unwrap()
         };

@@ -1,7 +1,7 @@
 //! Mixtures of Zhang, Ng and Chen, "Single Image Reflection Separation with Perceptual Losses", CVPR 2018.
 //!
-//! After `syn_data` and the training loop in `main.py` of ceciliavision/perceptual-reflection-removal: the reflection is
-//! blurred and darkened in linear light (a gamma of 2.2), and fades out away from a point, as a Gaussian.
+//! Follows `syn_data` and the training loop in `main.py` of ceciliavision/perceptual-reflection-removal: the reflection
+//! is blurred and darkened in linear light (a gamma of 2.2), and a vignette fades it out away from a random point.
 
 use super::blur::{Border, blur, gaussian};
 use super::{Mixture, MixtureError, Picture, check, doubles, planes};
@@ -13,10 +13,10 @@ const GAMMA: f64 = 2.2;
 const VIGNETTE_PX: usize = 560;
 const VIGNETTE_SPARE_PX: usize = 10;
 
-/// Half the vignette's side in standard deviations of its Gaussian; the vignette is the root of that Gaussian.
+/// Half the vignette's side in standard deviations of a Gaussian; the vignette is the root of this Gaussian.
 const VIGNETTE_SIGMAS: f64 = 3.0;
 
-/// Number of standard deviations to draw from, evenly spaced from 1 to 5 px.
+/// Number of possible standard deviations of the blur, evenly spaced from 1 to 5 px.
 const SIGMA_COUNT: usize = 80;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,7 +34,7 @@ pub struct ZhangDraw {
 }
 
 impl ZhangDraw {
-    /// Takes five numbers from the stream, for pictures of less than 550 px a side.
+    /// Draws the parameters for pictures of less than 550 px a side; takes five numbers from the stream.
     pub fn draw(rows: usize, columns: usize, stream: &mut Stream) -> Result<Self, MixtureError> {
         let side = VIGNETTE_PX - VIGNETTE_SPARE_PX;
         if rows >= side || columns >= side {
@@ -50,8 +50,8 @@ impl ZhangDraw {
     }
 }
 
-/// Mixes two pictures. As in the original, `None` if the mean code of the back picture is less than half of that of the front
-/// picture, or if a picture is too dark.
+/// Mixes two pictures. As in the original, returns `None` if the mean code of the back picture is less than half that
+/// of the front picture, or if a picture is too dark.
 pub fn zhang(
     front: &Picture,
     back: &Picture,
@@ -99,8 +99,8 @@ pub fn zhang(
     Ok((!is_dark).then_some(mixture))
 }
 
-/// Subtracts the mean excess over 1 of the sum, over its excessive pixels, times `attenuation` from a channel of the
-/// reflection; clamps to 0 to 1.
+/// Subtracts `attenuation` times the mean excess over 1, of the sums above 1, from a channel of the reflection, and
+/// clamps it to [0, 1].
 fn darken(reflected: &mut [f64], transmitted: &[f64], attenuation: f64) {
     let sums = reflected.iter().zip(transmitted).map(|(r, t)| r + t);
     let (mut total, mut count) = (0.0, 0u64);
@@ -108,15 +108,15 @@ fn darken(reflected: &mut [f64], transmitted: &[f64], attenuation: f64) {
         total += sum;
         count += 1;
     }
-    // The original avoids a denominator of 0 like this.
+    // The original adds 1e-6 to avoid a division by 0.
     let mean = (total / (count as f64 + 1e-6)).max(1.0);
     for r in reflected {
         *r = (*r - (mean - 1.0) * attenuation).clamp(0.0, 1.0);
     }
 }
 
-/// `count` values from `start` of one side of the vignette, which is the product of its sides: square roots of the shares of a
-/// Gaussian in equal cells, the largest 1.
+/// Returns `count` values, from index `start`, of the vignette along one axis; the vignette is the product over both
+/// axes. Values are square roots of a Gaussian's shares in equal cells, with a maximum of 1.
 fn vignette(start: usize, count: usize) -> Vec<f64> {
     let width = (2.0 * VIGNETTE_SIGMAS + 1.0) / VIGNETTE_PX as f64;
     let (first, last) = (-VIGNETTE_SIGMAS - width / 2.0, VIGNETTE_SIGMAS + width / 2.0);

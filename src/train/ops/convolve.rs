@@ -6,9 +6,9 @@ use super::window::{Sizes, Window};
 use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
 
-/// Convolution of `image` (batch, in, rows, columns) with `kernel` (out, in, rows, columns), both f32: (batch, out, ...).
+/// Convolves `image` (batch, in, rows, columns) with `kernel` (out, in, rows, columns), both f32, to (batch, out, ...).
 ///
-/// Unused gradients (of frozen kernels and input images) are not computed.
+/// The backward pass skips unused gradients (of frozen kernels and input images).
 pub fn conv2d(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor> {
     if image.device().is_cpu() {
         let image = image.contiguous()?;
@@ -17,7 +17,7 @@ pub fn conv2d(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor>
     by_products(image, kernel, window)
 }
 
-/// `relu(conv2d(image, kernel) + bias)`; `bias` has one value per output channel. ReLU's gradient at 0 is 0.
+/// Computes `relu(conv2d(image, kernel) + bias)`; `bias` has one value per output channel. ReLU's gradient at 0 is 0.
 pub fn conv2d_bias_relu(
     image: &Tensor,
     kernel: &Tensor,
@@ -35,7 +35,7 @@ pub fn conv2d_bias_relu(
     biased * positive
 }
 
-/// The same convolution for devices other than the CPU, as one candle matrix product per kernel pixel. The gradients of
+/// Computes [`conv2d`] for devices other than the CPU, as one candle matrix product per kernel pixel. The gradients of
 /// candle's own convolution are wrong or slow.
 pub(super) fn by_products(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor> {
     let sizes = Sizes::new(image.dims(), kernel.dims(), window)?;
@@ -66,7 +66,7 @@ pub(super) fn by_products(image: &Tensor, kernel: &Tensor, window: Window) -> Re
     sum.reshape((sizes.batch, sizes.channels_out, rows, columns))
 }
 
-/// `count` slices of a dimension, from `first` on, `step` apart.
+/// Selects `count` slices of a dimension: `first` and every further `step`.
 fn every(
     tensor: &Tensor,
     dimension: usize,
@@ -162,7 +162,7 @@ impl CustomOp3 for ConvolveBiasRelu {
     }
 }
 
-/// Gradients of the image and of the kernel, each only where candle tracks the tensor.
+/// Computes the gradients of the image and of the kernel, each only if candle tracks the tensor.
 fn gradients(
     window: Window,
     image: &Tensor,

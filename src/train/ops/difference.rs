@@ -4,16 +4,16 @@ use super::values;
 use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
 
-/// |x|, with PyTorch's gradient 0 at 0. candle's gradient is 1 there, which would bias black and clipped pixels.
+/// Computes |x| with PyTorch's gradient 0 at 0. candle's gradient 1 there would bias black and clipped pixels.
 pub fn absolute(x: &Tensor) -> Result<Tensor> {
-    // The derivative of x times its constant sign is the sign.
+    // The sign is constant, so the derivative of the product is the sign.
     x * x.sign()?.detach()
 }
 
-/// Numbers whose differences one thread adds up at once.
+/// Number of differences that one thread sums at a time.
 const AT_ONCE: usize = 1 << 15;
 
-/// Mean of |a - b| over two f32 tensors of one shape, summed in f64. The gradient is 0 where they are equal.
+/// Computes the mean of |a - b| of two f32 tensors of one shape, summed in f64. The gradient is 0 where a equals b.
 pub fn mean_absolute_difference(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     if !a.device().is_cpu() {
         return plain(a, b);
@@ -21,7 +21,7 @@ pub fn mean_absolute_difference(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     a.contiguous()?.apply_op2(&b.contiguous()?, Difference)
 }
 
-/// The same from candle's operations.
+/// Computes [`mean_absolute_difference`] from candle operations.
 pub(super) fn plain(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     absolute(&(a - b)?)?.mean_all()
 }
@@ -45,7 +45,7 @@ impl CustomOp2 for Difference {
             .par_chunks(AT_ONCE)
             .zip(b.par_chunks(AT_ONCE))
             .map(|(a, b)| {
-                // Eight sums side by side: the compiler makes vectors of them, and their order is fixed.
+                // The compiler vectorises the eight sums, and the order of additions is fixed.
                 let mut sums = [0.0f64; 8];
                 for (a, b) in a.chunks(8).zip(b.chunks(8)) {
                     for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
@@ -78,7 +78,7 @@ impl CustomOp2 for Difference {
     }
 }
 
-/// The gradient of the first tensor, from both tensors and the gradient of their mean difference.
+/// Computes the gradient of the first tensor from both tensors and the result's gradient.
 struct Side;
 
 impl CustomOp3 for Side {
@@ -106,7 +106,7 @@ impl CustomOp3 for Side {
             } else if difference < 0.0 {
                 -each
             } else {
-                // 0 or NaN, which is passed on.
+                // 0, or a NaN, which must propagate.
                 difference
             }
         });

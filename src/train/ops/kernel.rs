@@ -1,28 +1,28 @@
-//! Convolution and its two gradients on slices: unfolded in parts that fit the cache, one matrix product per part, parts on
-//! all threads.
+//! Convolution and its two gradients on slices. The image is unfolded in parts that fit in the cache; every part is one
+//! matrix product, and threads compute parts in parallel.
 //!
-//! The division into parts depends on the sizes alone and partial sums are added in a fixed order, so the bits do not depend
-//! on the number of threads.
+//! The division into parts depends only on the sizes, and the order of partial sums is fixed, so the result's bits do
+//! not depend on the number of threads.
 
 use super::matrix::{Mat, MatMut, product};
 use super::window::{Sizes, Window};
 use rayon::prelude::*;
 use std::cell::RefCell;
 
-/// Places of a pointwise convolution per part.
+/// Number of positions per part of a pointwise convolution.
 const PLACES_AT_ONCE: usize = 4096;
 
-/// Partial sums of a kernel's gradient.
+/// Largest number of partial sums of a kernel's gradient.
 const SUMS: usize = 8;
 
-/// Input channels per part in the image gradient of a strided convolution.
+/// Number of input channels per part in the image gradient of a strided convolution.
 const CHANNELS_AT_ONCE: usize = 4;
 
 thread_local! {
     static BUFFER: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Lends a thread-local buffer with arbitrary contents.
+/// Calls `with` with a thread-local buffer of arbitrary contents.
 fn with_buffer<T>(len: usize, with: impl FnOnce(&mut [f32]) -> T) -> T {
     BUFFER.with_borrow_mut(|buffer| {
         if buffer.len() < len {
@@ -32,7 +32,7 @@ fn with_buffer<T>(len: usize, with: impl FnOnce(&mut [f32]) -> T) -> T {
     })
 }
 
-/// The convolution (without mirroring the kernel) of `image` with `kernel`.
+/// Convolves `image` with `kernel`, without mirroring the kernel.
 pub(super) fn forward(sizes: &Sizes, image: &[f32], kernel: &[f32]) -> Vec<f32> {
     let (seen, out_len) = (sizes.seen(), sizes.out_len());
     let kernel = Mat::by_rows(kernel, sizes.channels_out, seen, seen);
@@ -66,7 +66,7 @@ pub(super) fn forward(sizes: &Sizes, image: &[f32], kernel: &[f32]) -> Vec<f32> 
     out
 }
 
-/// Gradient of the kernel: its input pixels weighted with the result's gradient.
+/// Computes the kernel's gradient: its input pixels weighted with the result's gradient.
 pub(super) fn kernel_gradient(sizes: &Sizes, image: &[f32], gradient: &[f32]) -> Vec<f32> {
     let (seen, out_len, image_len) = (sizes.seen(), sizes.out_len(), sizes.image_len());
     let rows = if sizes.is_pointwise() {
@@ -117,7 +117,7 @@ pub(super) fn image_gradient(sizes: &Sizes, kernel: &[f32], gradient: &[f32]) ->
     let reach = sizes.window.dilation * (sizes.kernel[0] - 1);
     let is_square = sizes.kernel[0] == sizes.kernel[1];
     if sizes.window.stride == 1 && is_square && reach >= sizes.window.padding {
-        // The convolution of the result's gradient with the kernel turned by 180 degrees, inputs and outputs exchanged.
+        // A convolution of the result's gradient with the kernel rotated by 180 degrees, inputs and outputs exchanged.
         let turned = Sizes {
             batch: sizes.batch,
             channels_in: sizes.channels_out,
@@ -164,7 +164,7 @@ pub(super) fn image_gradient(sizes: &Sizes, kernel: &[f32], gradient: &[f32]) ->
     out
 }
 
-/// The kernel turned by 180 degrees, with inputs and outputs exchanged.
+/// Returns the kernel rotated by 180 degrees, with inputs and outputs exchanged.
 fn turn(sizes: &Sizes, kernel: &[f32]) -> Vec<f32> {
     let size = sizes.kernel[0] * sizes.kernel[1];
     let mut turned = Vec::with_capacity(kernel.len());

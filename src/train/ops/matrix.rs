@@ -1,9 +1,9 @@
-//! Products of matrices in one thread, by the gemm crate.
+//! Single-threaded matrix products of the gemm crate.
 #![allow(unsafe_code, reason = "gemm takes pointers, and threads write columns of one matrix")]
 
 use std::marker::PhantomData;
 
-/// A matrix in a slice, with any strides.
+/// A matrix in a slice, with arbitrary strides.
 #[derive(Clone, Copy)]
 pub(super) struct Mat<'a> {
     values: &'a [f32],
@@ -14,7 +14,7 @@ pub(super) struct Mat<'a> {
 }
 
 impl<'a> Mat<'a> {
-    /// Rows one after another, `row_stride` apart.
+    /// Returns a row-major matrix; `row_stride` is the distance between rows.
     pub(super) fn by_rows(
         values: &'a [f32],
         rows: usize,
@@ -22,11 +22,11 @@ impl<'a> Mat<'a> {
         row_stride: usize,
     ) -> Self {
         let matrix = Self { values, rows, columns, row_stride, column_stride: 1 };
-        assert!(matrix.end() <= values.len(), "a matrix ends in its slice");
+        assert!(matrix.end() <= values.len(), "the matrix exceeds its slice");
         matrix
     }
 
-    /// Rows and columns exchanged.
+    /// Returns the transpose, which shares the slice.
     pub(super) fn transposed(self) -> Self {
         Self {
             rows: self.columns,
@@ -37,7 +37,7 @@ impl<'a> Mat<'a> {
         }
     }
 
-    /// One past the last element's place.
+    /// Returns the index after the last element.
     fn end(&self) -> usize {
         if self.rows == 0 || self.columns == 0 {
             return 0;
@@ -46,7 +46,7 @@ impl<'a> Mat<'a> {
     }
 }
 
-/// A matrix to be written: some columns of a larger one, which are no other's.
+/// A writable matrix: a block of columns of a larger matrix, borrowed exclusively.
 pub(super) struct MatMut<'a> {
     start: *mut f32,
     pub(super) rows: usize,
@@ -55,29 +55,29 @@ pub(super) struct MatMut<'a> {
     _of: PhantomData<&'a mut f32>,
 }
 
-// SAFETY: it stands for an exclusive borrow of its own elements, which are plain numbers.
+// SAFETY: the value is an exclusive borrow of its elements, and `f32` is `Send`.
 unsafe impl Send for MatMut<'_> {}
 
 impl<'a> MatMut<'a> {
-    /// All of a slice, row by row.
+    /// Returns a whole slice as a row-major matrix.
     pub(super) fn whole(values: &'a mut [f32], rows: usize, columns: usize) -> Self {
-        assert!(rows * columns <= values.len(), "a matrix ends in its slice");
+        assert!(rows * columns <= values.len(), "the matrix exceeds its slice");
         Self { start: values.as_mut_ptr(), rows, columns, row_stride: columns, _of: PhantomData }
     }
 
-    /// A row-by-row matrix cut into blocks of `width` columns; the last may be narrower. Threads may write them at once.
+    /// Splits a row-major matrix into blocks of `width` columns for parallel writers. The last block may be narrower.
     pub(super) fn column_blocks(
         values: &'a mut [f32],
         rows: usize,
         columns: usize,
         width: usize,
     ) -> Vec<Self> {
-        assert!(rows * columns <= values.len(), "a matrix ends in its slice");
+        assert!(rows * columns <= values.len(), "the matrix exceeds its slice");
         let start = values.as_mut_ptr();
         (0..columns)
             .step_by(width.max(1))
             .map(|first| Self {
-                // SAFETY: `first` is below `columns`, so it is inside of the slice (or there are no rows to write).
+                // SAFETY: `first` is below `columns`, so it is inside the slice. Without rows, the offset is 0.
                 start: unsafe { start.add(if rows == 0 { 0 } else { first }) },
                 rows,
                 columns: width.max(1).min(columns - first),
@@ -88,11 +88,11 @@ impl<'a> MatMut<'a> {
     }
 }
 
-/// `out = a b`, or `out += a b`. In one thread: the order of the sums depends on the shapes and the CPU's kernels alone.
+/// Computes `out = a b`, or `out += a b` if `add`. The order of sums depends only on the shapes and the CPU's kernels.
 pub(super) fn product(out: &mut MatMut, a: Mat, b: Mat, add: bool) {
-    assert!(out.rows == a.rows && a.columns == b.rows && b.columns == out.columns, "matrices fit");
-    // SAFETY: every matrix ends within what it borrows (checked when it was made), `out` borrows its elements alone, and the
-    // strides are those of the borrowed slices.
+    assert!(out.rows == a.rows && a.columns == b.rows && b.columns == out.columns, "shapes differ");
+    // SAFETY: the constructors check that every matrix ends within its slice, `out` borrows its elements exclusively,
+    // and the strides are those of the slices.
     unsafe {
         gemm::gemm(
             out.rows,
@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn products_of_blocks_are_the_whole_product() {
+    fn products_of_column_blocks_equal_the_whole_product() {
         let a: Vec<f32> = (0..6).map(|v| v as f32).collect();
         let b: Vec<f32> = (0..15).map(|v| (v * v % 7) as f32).collect();
         let mut whole = vec![0.0; 10];

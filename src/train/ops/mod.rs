@@ -2,14 +2,14 @@
 //! norm with leaky ReLU, absolute value.
 //!
 //! ```text
-//! matrix.rs    products of matrices, by the gemm crate          convolve.rs   convolution op: tensors, gradients, fallback
-//! window.rs    a kernel's pixels; unfolding them                pool.rs       2 x 2 maximum
-//! kernel.rs    convolution and its two gradients on slices      resize.rs     bilinear resizing
-//! difference.rs   |x|, mean absolute difference                 norm.rs       batch norm and leaky ReLU
+//! matrix.rs    matrix products of the gemm crate            convolve.rs   convolution op: tensors, gradients, fallback
+//! window.rs    unfolding of the pixels under a kernel       pool.rs       2 x 2 max pooling
+//! kernel.rs    convolution and its two gradients on slices  resize.rs     bilinear resizing
+//! difference.rs   |x|, mean absolute difference             norm.rs       batch norm and leaky ReLU
 //! ```
 //!
-//! On the CPU the order of sums does not depend on the number of threads. Other devices use candle operations with correct
-//! gradients.
+//! On the CPU, the order of sums does not depend on the number of threads. Other devices use candle operations with
+//! correct gradients.
 
 mod convolve;
 mod difference;
@@ -29,14 +29,14 @@ pub use window::Window;
 
 use candle_core::{CpuStorage, Layout, Result};
 
-/// The values of a contiguous tensor of f32.
+/// Returns the values of a contiguous f32 tensor.
 fn values<'a>(op: &str, storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
     let Some((start, end)) = layout.contiguous_offsets() else {
         candle_core::bail!("{op}: the tensor is not contiguous");
     };
     match storage {
         CpuStorage::F32(values) => Ok(&values[start..end]),
-        _ => candle_core::bail!("{op}: f32 is needed"),
+        _ => candle_core::bail!("{op}: the tensor is not f32"),
     }
 }
 

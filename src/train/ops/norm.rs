@@ -6,16 +6,17 @@ use rayon::prelude::*;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NormOptions {
-    /// Added to the variance.
+    /// Constant added to the variance.
     pub epsilon: f64,
     /// Slope of leaky ReLU for numbers up to 0.
     pub slope: f32,
 }
 
-/// `lrelu(a x + b norm(x) + c)` of a (batch, channels, rows, columns) f32 tensor; `coefficients` are (3, channels): a, b, c.
+/// Computes `lrelu(a x + b norm(x) + c)` of a (batch, channels, rows, columns) f32 tensor. `coefficients` holds a, b
+/// and c of every channel and has the shape (3, channels).
 ///
-/// `norm(x) = (x - mean) / sqrt(variance + epsilon)`, both over all pixels of a channel in the batch. Zhang et al.'s adaptive
-/// norm has one a and one b for all channels; batch norm with gain and offset has a = 0.
+/// `norm(x)` is `(x - mean) / sqrt(variance + epsilon)`, with mean and variance over all pixels of a channel in the
+/// batch. Zhang et al.'s adaptive norm has one a and one b for all channels; batch norm with gain and offset has a = 0.
 pub fn norm_act(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Result<Tensor> {
     let (_, channels, _, _) = x.dims4()?;
     if coefficients.dims() != [3, channels] {
@@ -30,7 +31,7 @@ pub fn norm_act(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Resu
     plain(x, coefficients, options)
 }
 
-/// The same from candle operations with correct gradients.
+/// Computes [`norm_act`] from candle operations with correct gradients.
 pub(super) fn plain(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Result<Tensor> {
     let (batch, channels, rows, columns) = x.dims4()?;
     let pixels = batch * rows * columns;
@@ -49,7 +50,7 @@ pub(super) fn plain(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> 
     out.transpose(0, 1)?.contiguous()
 }
 
-/// Mean and 1 / deviation of each channel.
+/// Returns mean and 1 / deviation of each channel.
 fn statistics(x: &[f32], [batch, channels, pixels]: [usize; 3], epsilon: f64) -> Vec<(f32, f32)> {
     let of = |channel: usize| {
         let (mut sum, mut squares) = (0.0, 0.0);
@@ -70,7 +71,7 @@ fn statistics(x: &[f32], [batch, channels, pixels]: [usize; 3], epsilon: f64) ->
     (0..channels).into_par_iter().map(of).collect()
 }
 
-/// Sums over a plane, in f32 over a thousand values in sixteen lanes, in f64 beyond.
+/// Sums over a plane: in f32 within 1,024 values (in sixteen lanes), in f64 beyond.
 fn sums<const N: usize, T: Copy>(
     plane: &[T],
     add: impl Fn(&mut [[f32; 16]; N], usize, T),
@@ -139,7 +140,7 @@ impl CustomOp2 for NormAct {
     }
 }
 
-/// Before ReLU the operation is affine in x: `steepness x + offset` per channel.
+/// The operation before ReLU, which is affine in x for each channel: `steepness x + offset`.
 struct Line {
     steepness: f32,
     offset: f32,
@@ -158,7 +159,7 @@ impl Line {
     }
 }
 
-/// Gradients of x and of the coefficients, one after the other.
+/// Computes the gradients of x and of the coefficients, concatenated.
 struct NormActGradient(NormOptions);
 
 impl CustomOp3 for NormActGradient {
@@ -185,7 +186,7 @@ impl CustomOp3 for NormActGradient {
         let passed = |line: &Line, x: f32, gradient: f32| {
             if line.at(x) > 0.0 { gradient } else { slope * gradient }
         };
-        // Sums of ReLU's gradient: alone, times x, times norm(x).
+        // Sums of the gradient e before ReLU: e, e x and e norm(x).
         let of_channel = |channel: usize| {
             let line = Line::new(coefficients, &statistics, channel);
             let (mean, inverse_deviation) = statistics[channel];

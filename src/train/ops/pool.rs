@@ -1,10 +1,10 @@
-//! The largest of 2 x 2 pixels.
+//! Max pooling of 2 x 2 pixels and its gradient.
 
 use super::values;
 use candle_core::{CpuStorage, CustomOp1, CustomOp2, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
 
-/// The largest of each 2 x 2 pixels of a (batch, channels, rows, columns) f32 tensor; an odd last row or column is left out.
+/// Returns the largest of each 2 x 2 pixels of a (batch, channels, rows, columns) f32 tensor, without odd last lines.
 ///
 /// The gradient goes to the first largest pixel, as in PyTorch (candle's gradient is four times too small).
 pub fn max_pool2(image: &Tensor) -> Result<Tensor> {
@@ -14,7 +14,7 @@ pub fn max_pool2(image: &Tensor) -> Result<Tensor> {
     plain(image)
 }
 
-/// The same from candle operations with correct gradients.
+/// Computes [`max_pool2`] from candle operations with correct gradients.
 pub(super) fn plain(image: &Tensor) -> Result<Tensor> {
     let (batch, channels, rows, columns) = image.dims4()?;
     let even = image.narrow(2, 0, rows / 2 * 2)?.narrow(3, 0, columns / 2 * 2)?;
@@ -24,7 +24,7 @@ pub(super) fn plain(image: &Tensor) -> Result<Tensor> {
         .permute((0, 1, 3, 2, 4))?
         .contiguous()?
         .reshape((batch * channels * (rows / 2) * (columns / 2), 4))?;
-    // The choice is constant: the gradient flows through the chosen pixel.
+    // The index is constant, so the gradient flows to the gathered pixel.
     let place = split.argmax_keepdim(1)?;
     split.gather(&place, 1)?.reshape((batch, channels, rows / 2, columns / 2))
 }
@@ -58,7 +58,7 @@ impl CustomOp1 for MaxPool2 {
     }
 }
 
-/// Index of the first largest of four pixels.
+/// Returns the index of the first largest of four pixels.
 fn largest_of(plane: &[f32], columns: usize, row: usize, column: usize) -> usize {
     let first = 2 * row * columns + 2 * column;
     let mut largest = first;

@@ -1,11 +1,11 @@
-//! Bilinear resizing, with a gradient.
+//! Bilinear resizing and its gradient.
 
 use super::values;
 use candle_core::{CpuStorage, CustomOp1, Device, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
 
-/// A (batch, channels, rows, columns) f32 tensor at another size, bilinear, pixel centres at halves, clamped at the borders
-/// (PyTorch's `align_corners=False` without antialiasing).
+/// Resizes a (batch, channels, rows, columns) f32 tensor bilinearly, with pixel centres at halves and clamping at the
+/// borders (PyTorch's `align_corners=False` without antialiasing).
 pub fn bilinear(image: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
     let (_, _, from_rows, from_columns) = image.dims4()?;
     if [from_rows, from_columns] == [rows, columns] {
@@ -17,7 +17,7 @@ pub fn bilinear(image: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
     plain(image, rows, columns)
 }
 
-/// The same as two products of matrices.
+/// Computes [`bilinear`] as two candle matrix products, for devices other than the CPU.
 pub(super) fn plain(image: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
     let (batch, channels, from_rows, from_columns) = image.dims4()?;
     let planes = batch * channels;
@@ -30,7 +30,7 @@ pub(super) fn plain(image: &Tensor, rows: usize, columns: usize) -> Result<Tenso
     high.reshape((batch, channels, rows, columns))
 }
 
-/// For each of `to` pixels of a line: its two neighbours among `from` pixels, and the weight of the second.
+/// Returns the two neighbours of each of `to` pixels among `from` pixels of a line, and the weight of the second.
 fn taps(from: usize, to: usize) -> Vec<(usize, usize, f32)> {
     let scale = from as f64 / to as f64;
     let tap = |place: usize| {
@@ -41,7 +41,7 @@ fn taps(from: usize, to: usize) -> Vec<(usize, usize, f32)> {
     (0..to).map(tap).collect()
 }
 
-/// The same as a matrix.
+/// Returns the weights of [`taps`] as a (to, from) matrix.
 fn matrix(from: usize, to: usize, device: &Device) -> Result<Tensor> {
     let mut weights = vec![0.0f32; to * from];
     for (place, (first, second, weight)) in taps(from, to).into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Results and gradients against PyTorch's, computed in f64 (`tests/train/ops.py` makes them).
+//! Compares results and gradients with those of PyTorch in f64, which `tests/train/ops.py` computes.
 
 use super::*;
 use candle_core::{Device, Tensor, Var};
@@ -21,7 +21,7 @@ fn cases(prefix: &str) -> BTreeMap<String, Case> {
     cases
 }
 
-/// Length of the difference over the length of what is expected.
+/// Returns the norm of the difference, relative to the norm of the expected values.
 fn off(found: &Tensor, expected: &Tensor) -> f64 {
     assert_eq!(found.dims(), expected.dims());
     let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
@@ -34,7 +34,7 @@ fn off(found: &Tensor, expected: &Tensor) -> f64 {
 
 const CLOSE: f64 = 1e-5;
 
-/// Computes a case and compares the result and every gradient.
+/// Computes a case and compares its result and every gradient.
 fn compare(name: &str, case: &Case, parts: &[&str], compute: impl Fn(&[Tensor]) -> Tensor) {
     let inputs: Vec<Var> = parts.iter().map(|p| Var::from_tensor(&case[*p]).unwrap()).collect();
     let tensors: Vec<Tensor> = inputs.iter().map(|v| v.as_tensor().clone()).collect();
@@ -84,10 +84,10 @@ fn bias_and_relu_equal_pytorch() {
 }
 
 #[test]
-fn pools_resizes_norms_and_absolutes_equal_pytorch() {
+fn pooling_resizing_norm_and_absolute_value_equal_pytorch() {
     for (name, case) in cases("pool") {
         compare(&name, &case, &["x"], |t| max_pool2(&t[0]).unwrap());
-        // Ties may be resolved differently there.
+        // `plain` may pick another pixel of a tie.
         if !name.ends_with("ties") {
             compare(&name, &case, &["x"], |t| pool::plain(&t[0]).unwrap());
         }
@@ -112,11 +112,11 @@ fn pools_resizes_norms_and_absolutes_equal_pytorch() {
 }
 
 #[test]
-fn mean_absolute_differences_are_those_of_plain_operations() {
+fn mean_absolute_difference_equals_candle_operations() {
     let case = &cases("conv four 17x16")["conv four 17x16 p1 s2 d1"];
     let image = &case["x"];
     let other = image.affine(0.5, 0.1).unwrap();
-    // Where they are equal the gradient is 0.
+    // The first image is the same in both tensors, so its gradient is 0.
     let first = image.narrow(0, 0, 1).unwrap();
     let rest = other.narrow(0, 1, 1).unwrap();
     let other = Tensor::cat(&[&first, &rest], 0).unwrap();
@@ -141,7 +141,7 @@ fn unused_gradients_are_not_computed() {
 }
 
 #[test]
-fn shapes_that_do_not_fit_are_named() {
+fn errors_name_incompatible_shapes() {
     let image = Tensor::zeros((1, 2, 5, 5), candle_core::DType::F32, &Device::Cpu).unwrap();
     let kernel = Tensor::zeros((3, 4, 3, 3), candle_core::DType::F32, &Device::Cpu).unwrap();
     let error = conv2d(&image, &kernel, Window::same(3, 1)).unwrap_err().to_string();
@@ -152,7 +152,7 @@ fn shapes_that_do_not_fit_are_named() {
 }
 
 #[test]
-fn any_number_of_threads_gives_the_same_bits() {
+fn results_do_not_depend_on_the_number_of_threads() {
     let case = &cases("conv four 17x16")["conv four 17x16 p1 s2 d1"];
     let of = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

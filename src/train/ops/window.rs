@@ -1,4 +1,4 @@
-//! The pixels under a kernel at each place, unfolded to a matrix.
+//! Sizes of a convolution, and unfolding of the pixels under its kernel to a matrix (im2col).
 
 use candle_core::{Result, bail};
 use std::ops::Range;
@@ -6,16 +6,16 @@ use std::ops::Range;
 /// Padding, stride and dilation of a kernel, equal in both directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
-    /// Zeros around the image, px.
+    /// Width of the zero border around the image, px.
     pub padding: usize,
-    /// Distance of places, px.
+    /// Distance between kernel positions, px.
     pub stride: usize,
-    /// Distance of the kernel's pixels, px.
+    /// Distance between the kernel's pixels, px.
     pub dilation: usize,
 }
 
 impl Window {
-    /// Keeps the image size, for a kernel of odd size.
+    /// Returns the window with which a kernel of odd size keeps the image size.
     pub const fn same(kernel: usize, dilation: usize) -> Self {
         Self { padding: dilation * (kernel / 2), stride: 1, dilation }
     }
@@ -26,24 +26,26 @@ impl Window {
 pub(super) struct Sizes {
     pub(super) batch: usize,
     pub(super) channels_in: usize,
-    /// Of the image: rows, columns.
+    /// Rows and columns of the image.
     pub(super) image: [usize; 2],
     pub(super) channels_out: usize,
     pub(super) kernel: [usize; 2],
-    /// Of the result: rows, columns.
+    /// Rows and columns of the result.
     pub(super) out: [usize; 2],
     pub(super) window: Window,
 }
 
 impl Sizes {
-    /// Of an image `(batch, channels, rows, columns)` and a kernel `(out, in, rows, columns)`.
+    /// Computes the sizes from the shapes of an image (batch, in, rows, columns) and a kernel (out, in, rows, columns).
     pub(super) fn new(image: &[usize], kernel: &[usize], window: Window) -> Result<Self> {
         let (
             &[batch, channels_in, rows, columns],
             &[channels_out, of, kernel_rows, kernel_columns],
         ) = (image, kernel)
         else {
-            bail!("conv2d: image and kernel have four dimensions, not {image:?} and {kernel:?}");
+            bail!(
+                "conv2d: image and kernel must have four dimensions, not {image:?} and {kernel:?}"
+            );
         };
         let fits = |size: usize, kernel: usize| {
             kernel > 0 && size + 2 * window.padding > window.dilation * (kernel - 1)
@@ -72,7 +74,7 @@ impl Sizes {
         })
     }
 
-    /// Pixels that one place sees, all channels.
+    /// Returns the number of values under the kernel at one position, over all channels.
     pub(super) fn seen(&self) -> usize {
         self.channels_in * self.kernel[0] * self.kernel[1]
     }
@@ -85,18 +87,18 @@ impl Sizes {
         self.out[0] * self.out[1]
     }
 
-    /// A 1 x 1 kernel that needs no unfolding.
+    /// True if the kernel is 1 x 1 and needs no unfolding.
     pub(super) fn is_pointwise(&self) -> bool {
         self.kernel == [1, 1] && self.window.stride == 1 && self.window.padding == 0
     }
 
-    /// Rows of the result to unfold at once: about 768 KiB, which stay in the cache, and at least four parts of the image.
+    /// Returns the number of result rows to unfold at once: about 768 KiB, to fit in the cache, and at most a quarter.
     pub(super) fn rows_at_once(&self) -> usize {
         let fit = 768 * 1024 / 4 / self.seen() / self.out[1];
         fit.max(1).min(self.out[0].div_ceil(4)).max(1)
     }
 
-    /// Columns of the result whose pixel for a kernel's column is in the image, and the first one's column there.
+    /// Returns the result columns with `kernel_column` inside the image, and the image column of the first of them.
     fn inside(&self, kernel_column: usize) -> (Range<usize>, usize) {
         let offset = (kernel_column * self.window.dilation) as isize - self.window.padding as isize;
         let (stride, width) = (self.window.stride, self.image[1] as isize);
@@ -108,15 +110,14 @@ impl Sizes {
         (first..end, column.max(0) as usize)
     }
 
-    /// The row of the image for a row of the result and of the kernel.
+    /// Returns the image row under a kernel row at a result row; `None` in the zero border.
     fn image_row(&self, row: usize, kernel_row: usize) -> Option<usize> {
         let row = row * self.window.stride + kernel_row * self.window.dilation;
         let row = row.checked_sub(self.window.padding)?;
         (row < self.image[0]).then_some(row)
     }
 
-    /// Calls `with` for each of the kernel's pixels: channel, kernel row, kernel column, in the order of the kernel's own
-    /// storage.
+    /// Calls `with` with the channel, row and column of each kernel pixel, in storage order.
     fn each_pixel(&self, channels: Range<usize>, mut with: impl FnMut(usize, usize, usize)) {
         for channel in channels {
             for row in 0..self.kernel[0] {
@@ -127,12 +128,12 @@ impl Sizes {
         }
     }
 
-    /// The kernel's pixels for some rows of the result: a matrix of [`Self::seen`] rows and one column per place.
+    /// Writes the image values under the kernel for some result rows: [`Self::seen`] rows and one column per position.
     pub(super) fn unfold(&self, image: &[f32], rows: Range<usize>, into: &mut [f32]) {
         let places = rows.len() * self.out[1];
         let mut lines = into.chunks_exact_mut(places);
         self.each_pixel(0..self.channels_in, |channel, kernel_row, kernel_column| {
-            let line = lines.next().expect("a line for each of the kernel's pixels");
+            let line = lines.next().expect("a line for each kernel pixel");
             let (inside, column) = self.inside(kernel_column);
             let plane = &image[channel * self.image_len()..][..self.image_len()];
             for (part, row) in line.chunks_exact_mut(self.out[1]).zip(rows.clone()) {
@@ -155,12 +156,11 @@ impl Sizes {
         });
     }
 
-    /// The transpose of [`Self::unfold`] for some channels: adds each place's values to its pixels. `planes` holds these
-    /// channels only.
+    /// Applies the transpose of [`Self::unfold`] to some channels: adds each position's values to their `planes`.
     pub(super) fn fold(&self, unfolded: &[f32], channels: usize, planes: &mut [f32]) {
         let mut lines = unfolded.chunks_exact(self.out_len());
         self.each_pixel(0..channels, |channel, kernel_row, kernel_column| {
-            let line = lines.next().expect("a line for each of the kernel's pixels");
+            let line = lines.next().expect("a line for each kernel pixel");
             let (inside, column) = self.inside(kernel_column);
             let plane = &mut planes[channel * self.image_len()..][..self.image_len()];
             for (part, row) in line.chunks_exact(self.out[1]).zip(0..self.out[0]) {
