@@ -26,7 +26,7 @@ pub(super) struct ExplainArgs {
     store: StoreArgs,
 }
 
-/// Ranges of shards to print.
+/// Largest number of printed ranges of shards.
 const ROWS: usize = 8;
 
 pub(super) fn run(args: &ExplainArgs, output: &Output) -> Result<Exit, Failure> {
@@ -114,7 +114,7 @@ fn text(known: &Explanation) -> String {
         log(&mut text, end.map(|end| end.log_tail.as_str()));
     }
     if let Some(record) = &known.quarantine {
-        let reason = record["reason"].as_str().unwrap_or("no reason is given");
+        let reason = record["reason"].as_str().unwrap_or("the record has no reason");
         row(&mut text, "reason", reason);
         log(&mut text, record["log_tail"].as_str());
     }
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_shard_is_a_scene_and_a_number() {
+    fn a_shard_argument_is_a_scene_and_an_optional_number() {
         let scene = SceneId::new("train-1").unwrap();
         assert_eq!(parse_shard("train-1"), Ok((scene.clone(), None)));
         assert_eq!(parse_shard("train-1:12"), Ok((scene, Some(12))));
