@@ -246,10 +246,10 @@ pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
         "m" => 60.0,
         "h" => 3600.0,
         unit => {
-            return Err(format!("unknown unit {unit:?}: write seconds, 90s, 55m or 2h"));
+            return Err(format!("unknown unit {unit:?}: write a time like 90, 55m or 2h"));
         }
     };
-    let number: f64 = digits.parse().map_err(|_| "write seconds, 90s, 55m or 2h".to_owned())?;
+    let number: f64 = digits.parse().map_err(|_| "write a time like 90, 55m or 2h".to_owned())?;
     Duration::try_from_secs_f64(number * scale).map_err(|e| e.to_string())
 }
 

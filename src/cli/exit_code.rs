@@ -7,13 +7,13 @@ use std::process::ExitCode;
 pub enum Exit {
     /// 0: success.
     Done,
-    /// 1: failed (disk full, no permission, ...).
+    /// 1: failure (disk full, no permission, ...).
     Failed,
-    /// 2: the command line is wrong.
+    /// 2: the command line is invalid.
     Usage,
-    /// 3: finished, with quarantined or missing work.
+    /// 3: finished, with scenes in quarantine or missing results.
     Incomplete,
-    /// 4: the recipe, manifest or scene is wrong.
+    /// 4: the recipe, manifest or scene is missing or invalid.
     InvalidInput,
     /// 5: the run directory disagrees with the recipe, the program's version or the machine.
     Disagrees,

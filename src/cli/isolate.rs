@@ -23,7 +23,7 @@ pub(super) const HUNG: &str = "hung: ";
 /// Number of last lines to keep of a lost child's messages.
 const TAIL_LINES: usize = 20;
 
-/// Shards of a scene, as `SCENE:A-B`: from A up to, not with, B.
+/// Shards A to B - 1 of a scene, from the argument `SCENE:A-B`.
 #[derive(Clone, Debug)]
 pub(super) struct Only {
     pub(super) scene: String,
@@ -81,7 +81,7 @@ impl Children<'_> {
             }
             command.args(["--cache-gb", &cache.cache_gb.to_string()]);
         }
-        // A backtrace would displace the messages that tell the cause.
+        // A backtrace would displace the messages that name the cause.
         command.env("RUST_BACKTRACE", "0");
         // The environment hides a password in a URL from other users, who can see the command line.
         command.env_remove("GLASSHOUSE_QUEUE").env_remove("GLASSHOUSE_STORE");
@@ -174,7 +174,7 @@ fn end(child: &mut Child) {
 fn signal(status: ExitStatus) -> String {
     let number = status.signal().unwrap_or(0);
     let name = signal_hook::low_level::signal_name(number).unwrap_or("unknown");
-    let hint = if name == "SIGKILL" { ": is the memory too small?" } else { "" };
+    let hint = if name == "SIGKILL" { ": possibly out of memory" } else { "" };
     format!("its process was killed by signal {number} ({name}){hint}")
 }
 

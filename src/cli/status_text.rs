@@ -103,7 +103,7 @@ pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> St
         Queue::There(state) => row(
             &mut text,
             "queue",
-            &format!("{} waiting, {} held", many(state.waiting, "span"), grouped(state.held)),
+            &format!("{} waiting, {} held", many(state.waiting, "task"), grouped(state.held)),
         ),
         Queue::Lost(reason) => row(&mut text, "queue", &cut(reason)),
     }

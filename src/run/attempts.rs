@@ -108,7 +108,7 @@ impl AttemptRecord {
             let unknown = WorkerName { worker: "unknown".to_owned(), host: "unknown".to_owned() };
             let ended = Some(Ending {
                 kind: EndKind::Crashed,
-                reason: format!("its record is damaged ({e})"),
+                reason: format!("the record is damaged ({e})"),
                 log_tail: String::new(),
             });
             Self {
@@ -131,7 +131,7 @@ impl AttemptRecord {
         loop {
             match store.create(&self.key(), &json_line(self)) {
                 Ok(_) => return Ok(()),
-                // Another worker took the task, too: this one's lease expired, or the queue was reset.
+                // Another worker took the task, too: this worker's lease expired, or the queue was reset.
                 Err(StoreError::Differs { .. }) => self.n += 1,
                 Err(error) => return Err(error),
             }
@@ -245,7 +245,7 @@ pub(crate) fn poison_check(records: &[AttemptRecord], task: &Task, found: u32) -
     ))
 }
 
-/// True if two machines, or `MOST_LOST` attempts on one machine, have failed to read the scene's files.
+/// True if attempts on two machines, or `MOST_LOST` attempts, have failed to read the scene's files.
 pub(crate) fn is_unreadable(records: &[AttemptRecord]) -> bool {
     let failed = || records.iter().filter(|r| r.end_kind() == Some(EndKind::Unreadable));
     let hosts: BTreeSet<&str> = failed().map(|record| record.host.as_str()).collect();

@@ -275,7 +275,7 @@ impl<'a> Place<'a> {
         let left_out: Vec<LeftOut> = left_out.collect();
         if !left_out.is_empty() {
             output.note(&format!(
-                "{} pictures are in no pair{}",
+                "{} pictures belong to no pair{}",
                 left_out.len(),
                 if output.verbose { ":" } else { "; -v prints why" }
             ));
@@ -339,7 +339,7 @@ fn networks(
     Ok(networks)
 }
 
-/// Fits the gain to the place that the user gives, else to the run's own train scenes.
+/// Fits the gain to the pictures of `--fit-gain`, or else to the run's own train scenes.
 fn gain(
     args: &EvaluateArgs,
     own: &Place,
@@ -391,7 +391,7 @@ fn warn(incomplete: &[LeftOut], output: &Output) {
         output.warning(&format!("{image} is left out: {reason}"));
     }
     if let Some(more @ 1..) = incomplete.len().checked_sub(WARNINGS) {
-        output.warning(&format!("{more} more are left out"));
+        output.warning(&format!("{more} more pictures are left out"));
     }
 }
 

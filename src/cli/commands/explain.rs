@@ -69,7 +69,7 @@ fn text(known: &Explanation) -> String {
         SceneState::Waiting => "waiting",
     };
     let mut text = format!(
-        "{}: {state}; scene {} of the manifest\n  film        {} x {} px, {} samples a pixel",
+        "{}: {state}; scene {} of the manifest\n  film        {} x {} px, {} samples per pixel",
         known.scene,
         known.index,
         film.width,
@@ -77,7 +77,7 @@ fn text(known: &Explanation) -> String {
         grouped(film.spp.into())
     );
     if let Some(target) = film.target_error {
-        let _ = write!(text, " at most, cells within {target:.1e}");
+        let _ = write!(text, " at most, target error {target:.1e}");
     }
     row(&mut text, "front", known.line.front.name());
     row(&mut text, "back", known.line.back.name());
@@ -91,7 +91,7 @@ fn text(known: &Explanation) -> String {
         ),
     );
     if known.state != SceneState::Done {
-        row(&mut text, "there", &rows(&known.there));
+        row(&mut text, "partials", &rows(&known.there));
         row(&mut text, "missing", &rows(&known.missing));
     }
     if let Some(shard) = &known.shard {

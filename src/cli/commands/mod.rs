@@ -73,7 +73,7 @@ enum Command {
   glasshouse plan my.toml --root diode=/data/diode -n --json   # files, bytes, hours
   glasshouse plan my.toml --root diode=/data/diode --skip-invalid --out runs/mine")]
     Plan(plan::PlanArgs),
-    /// Render one scene (a scene file, or a tuple.json to make again) to four EXRs and PNGs
+    /// Render one scene (a scene file or a tuple.json) to four EXRs and PNGs
     #[command(after_help = "Examples:
   glasshouse render scene.json --out out --spp 1024 -j 2
   glasshouse render runs/smoke/tuples/train-sample-000000/tuple.json --out again")]
@@ -81,7 +81,7 @@ enum Command {
     /// Trace the shards of a planned run until none are left, and merge each finished scene
     #[command(after_help = "Examples:
   glasshouse work runs/smoke
-  glasshouse work runs/smoke --time-limit 55m   # exits with 75 when more is left")]
+  glasshouse work runs/smoke --time-limit 55m   # exits with 75 if work is left")]
     Work(work::WorkArgs),
     /// Supply a farm of many machines with tasks until every scene is done; can be restarted at any time
     #[command(after_help = "Examples:
@@ -178,9 +178,9 @@ imagefolder  DIR/SPLIT/metadata.jsonl and DIR/SPLIT/LAYER/ID.png, for Hugging Fa
 pairs        DIR/SPLIT/blended/ID.png, transmission_layer/, reflection_layer/, clean_reflection_layer/
 exr          DIR/SPLIT/ID.exr: OpenEXR with one part per layer, linear light
 
-Every format adds a dataset card (README.md), export.json and SHA256SUMS, and the first two add croissant.json.
-Equal runs give equal bytes. The same command resumes a stopped export; a folder with other content is
-refused. docs/datasets.md shows how to read each format in PyTorch.
+Every format adds a dataset card (README.md), export.json and SHA256SUMS; the first two also add
+croissant.json. Equal runs give equal bytes. The same command resumes a stopped export, and refuses a
+folder with other content. docs/datasets.md shows how to read each format in PyTorch.
 
 Exit code 3: scenes in quarantine, or (with --partial) not merged yet, are missing. 75: the run is not
 finished.
@@ -203,7 +203,7 @@ Examples:
   glasshouse report runs/smoke
   glasshouse report runs/smoke --out smoke.html --json")]
     Report(report::ReportArgs),
-    /// Explain files: the kind, the scene, and whether the file is intact
+    /// Explain files: their kind, their scene, and whether they are intact
     #[command(after_help = "\
 Files are recognised by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints, curves,
 event files, scores, exported archives, report pages, input files; and folders of a run, a tuple, a checkpoint.
@@ -218,10 +218,10 @@ Examples:
     /// Check this machine, a run's disk, a store and a queue, and give advice
     #[command(after_help = "\
 Checks processor and kernels, cores, memory, open files, clock, the bits of a reference shard, and the disk: space,
-speed, exclusive names, links, renames and locks. Checks --store and --queue if they are given.
+speed, exclusive names, links, renames and locks. --store and --queue add checks of a store and a queue.
 The checks create and remove small files, an object and a stream.
 
-Exit code 1: a check failed. Warnings alone exit with 0.
+Exit code 1: a check failed. With warnings only, the exit code is 0.
 
 Examples:
   glasshouse doctor
@@ -245,7 +245,7 @@ Examples:
   glasshouse completions zsh > _glasshouse        # into a folder of $fpath
   glasshouse completions fish --json")]
     Completions(completions::CompletionsArgs),
-    /// Write a man page for every command, or print the main one
+    /// Write a man page for every command, or print the main page
     #[command(after_help = "Examples:
   glasshouse man --out man      # then: man -l man/glasshouse-run.1
   glasshouse man > glasshouse.1")]

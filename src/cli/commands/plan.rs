@@ -219,7 +219,7 @@ impl fmt::Display for Summary {
         let available = available.unwrap_or_default();
         let how = match &cost.calibration {
             Some(c) => format!(
-                "measured here on {} scenes: {:.1} ns a sample, {:.0} ms to load",
+                "measured here on {} scenes: {:.1} ns per sample, {:.0} ms per load",
                 c.scenes.len(),
                 c.seconds_per_sample * 1e9,
                 c.seconds_per_load * 1e3

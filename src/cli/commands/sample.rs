@@ -43,7 +43,7 @@ enum SampleLayout {
     Places,
 }
 
-/// The photographs of a layout.
+/// Photographs in a layout.
 struct Photographs {
     size: [u32; 2],
     /// Paths of the colour images, relative to the folder.

@@ -35,7 +35,7 @@ pub(super) struct StatusArgs {
 /// Largest number of entries of each list: printed, and on the screen of --watch.
 const SHOWN: usize = 20;
 const SHOWN_WATCHING: usize = 6;
-/// Divisor of the share of time for polls: they take at most a tenth of the time.
+/// Least ratio of the time between polls to the duration of a poll.
 const POLL_SHARE: u32 = 10;
 
 /// Escape codes that enter and leave the alternate screen, without line wrap and cursor.

@@ -35,7 +35,7 @@ pub(super) struct TrainArgs {
     /// Networks to train; separation starts from the newest checkpoint of backtrack
     #[arg(long, value_enum)]
     stage: StageName,
-    /// Total number of steps; a training with fewer resumes
+    /// Total number of steps; an earlier training with fewer steps resumes
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..))]
     steps: u64,
     /// Folder of real pairs in blended/ and transmission_layer/, or in the folders of SIR2 or CEILNet
@@ -50,7 +50,7 @@ pub(super) struct TrainArgs {
     /// Number of scenes that validate every checkpoint: the first ones of the split "test"
     #[arg(long, value_name = "N", default_value_t = VALIDATE)]
     validate: usize,
-    /// Write a grid of pictures every K steps; 0 for none [default: as --checkpoint-every]
+    /// Write a grid of pictures every K steps; 0 for none [default: that of --checkpoint-every]
     #[arg(long, value_name = "K")]
     pictures_every: Option<u64>,
     /// Memory for cached examples, GB; a data set that fits is read once
@@ -70,7 +70,7 @@ pub(super) struct TrainArgs {
 
 /// Settings that the first checkpoint freezes; later commands need not repeat them.
 #[derive(Debug, Default, ClapArgs)]
-#[command(next_help_heading = "Settings (frozen by the first checkpoint; need not be repeated)")]
+#[command(next_help_heading = "Settings (frozen by the first checkpoint)")]
 struct SettingArgs {
     /// Image features: none, random (VGG-19 with random weights), or a file of torchvision's vgg19 weights (.safetensors
     /// or .pth) [default: none]
@@ -128,7 +128,7 @@ struct SettingArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum StageName {
-    /// BT-net alone: R~ -> R.
+    /// Only BT-net, R~ -> R.
     Backtrack,
     /// SP-net, I -> T and R~, with BT-net behind it.
     Separation,
@@ -266,7 +266,7 @@ pub(super) fn training_of<'a>(
     }
 }
 
-/// Trains with progress and signals.
+/// Trains a stage, with progress and signals.
 pub(super) fn train(
     training: Training,
     global: &Global,

@@ -29,7 +29,7 @@ use std::time::{Duration, Instant};
 pub(super) struct WorkArgs {
     /// Folder of the run
     run: PathBuf,
-    /// Start no shard after this time (90, 90s, 55m, 2h), then exit with 75 if work is left
+    /// Time after which no shard starts (90, 90s, 55m, 2h); the command then exits with 75 if work is left
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     time_limit: Option<Duration>,
     #[command(flatten)]
@@ -288,7 +288,7 @@ impl fmt::Display for Planned<'_> {
     }
 }
 
-/// The result of a worker.
+/// Result of a worker.
 #[derive(Serialize)]
 pub(super) struct Worked<'a> {
     run: Cow<'a, str>,

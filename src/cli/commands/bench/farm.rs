@@ -100,11 +100,11 @@ struct Planned {
 impl fmt::Display for Planned {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let what = match self.mode {
-            Mode::Overhead => "real workers on a queue and inside one process",
-            Mode::Makespan => "real workers on a queue, tasks that sleep, twice",
-            Mode::Resume => "making and resuming a half-finished run",
+            Mode::Overhead => "the overhead of real workers on a queue and inside one process",
+            Mode::Makespan => "the makespan of real workers, without and with faults",
+            Mode::Resume => "the time to resume a half-finished run",
         };
-        write!(f, "would measure: {what}")
+        write!(f, "would measure {what}")
     }
 }
 
@@ -116,7 +116,7 @@ pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Res
     if args.workers > MOST_WORKERS {
         return Err(failure!(
             Exit::Usage,
-            "--workers is at most {MOST_WORKERS} for real workers; --simulate takes more"
+            "--workers must be at most {MOST_WORKERS}, except with --simulate"
         ));
     }
     let mode = match (args.makespan, args.resume) {

@@ -23,7 +23,7 @@ pub(super) struct BenchArgs {
     what: BenchCommand,
 }
 
-/// The benchmarks.
+/// The benchmarks. `--help` lists them in this order.
 #[derive(Debug, Subcommand)]
 enum BenchCommand {
     /// Measure the error against a reference for several sample counts, as table, CSV, JSON and plot
@@ -49,15 +49,15 @@ Examples:
     Error(error::BenchErrorArgs),
     /// Measure rays per second on one core: the intersection kernels and the whole tracer, AVX2 and baseline
     #[command(after_help = "\
-Figures are the median and the best CPU time of one thread over the passes. Passes alternate between
-AVX2 and baseline, unless --isa avx2 or --isa baseline selects one. For each scene:
+Rates count CPU time of one thread; tables have the median and the best of the passes. Passes alternate
+between AVX2 and baseline, unless --isa avx2 or --isa baseline selects one. For each scene:
   intersection    span and walk for 256 samples of every fourth pixel in x and y, without the time to
                   make camera samples and lines
   whole tracer    sixteen tiles of 16 x 16 px, 256 samples: camera samples, all orders, radiance, sums
   grid            construction of the grid and its pyramid
 t0 and t1 are the pane's first orders to the front, r0 and r1 those to the back. R is the pinhole
-without glass; with apex mirror, its rays need no walk. A ray's cells are those between its start and its hit. A
-round advances sixteen rays by one cell; rounds repeat until all of these rays end.
+without glass; with apex mirror, its rays need no walk. A ray's cells are those between its start and
+its hit. A round advances sixteen rays by one cell; rounds repeat until all of these rays end.
 
 Examples:
   glasshouse bench trace
