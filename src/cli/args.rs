@@ -168,8 +168,7 @@ pub(super) struct QueueArgs {
     /// Seconds to retry an unavailable or busy store; a worker then exits with 75
     #[arg(long, value_name = "S", default_value = "45", value_parser = parse_duration, requires = "queue")]
     pub(super) store_patience_s: Duration,
-    /// Duration of a lease, seconds; a task of a worker that is silent for longer goes to another worker. Must be equal
-    /// on all machines
+    /// Duration of a lease, equal on all machines; the queue passes on a task of a worker that is silent for longer
     #[arg(long, value_name = "S", default_value = "30", value_parser = parse_duration, requires = "queue")]
     pub(super) lease_s: Duration,
     #[command(flatten)]

@@ -68,8 +68,7 @@ impl Failure {
         Self { exit, error: error.into(), details: serde_json::Map::new() }
     }
 
-    /// Joins the messages of the error and its causes. Skips a cause that an earlier message already contains, because
-    /// the library's errors include the text of their causes.
+    /// Joins the messages of the error and its causes, except for causes that an earlier message already contains.
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
         for cause in self.error.chain().map(ToString::to_string) {

@@ -30,7 +30,7 @@ pub(super) struct Progress {
 const NARROW_SHARE: f64 = 0.1;
 
 impl Progress {
-    /// Starts a progress over `length` units of `what` (shards, photographs).
+    /// Starts the display of a progress over `length` units of `what` (shards, photographs).
     pub(super) fn new(global: &Global, what: &'static str, length: u64) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let how = match global.progress {

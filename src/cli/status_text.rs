@@ -11,7 +11,6 @@ const BAR: usize = 40;
 /// Largest length of a reason, in characters.
 const REASON: usize = 160;
 
-/// State of the queue.
 pub(super) enum Queue {
     /// The command line names no queue, or the run is finished.
     None,

@@ -18,7 +18,6 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::SystemTime;
 
-/// Explanation of a scene.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Explanation {
     pub(crate) scene: SceneId,
@@ -48,7 +47,6 @@ pub(crate) struct Explanation {
     pub(crate) next: Vec<String>,
 }
 
-/// Explanation of a shard.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct ShardFacts {
     /// Index of the shard in the scene.

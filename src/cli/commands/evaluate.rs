@@ -203,14 +203,12 @@ impl<'a> Task<'a> {
     }
 }
 
-/// A run or a folder of pairs.
 struct Place<'a> {
     folder: &'a Path,
     store: Option<&'a str>,
     is_run: bool,
 }
 
-/// Pictures to score.
 struct Pictures {
     of: Source,
     /// Pictures outside all pairs.

@@ -118,7 +118,7 @@ enum Command {
   glasshouse retry runs/smoke --all
   glasshouse retry runs/smoke --all --json   # or name the scenes")]
     Retry(retry::RetryArgs),
-    /// Explain the state of a scene or a shard, what happens next, and what you can do
+    /// Explain the state of a scene or a shard, and the next steps
     #[command(after_help = "Examples:
   glasshouse explain runs/smoke train-sample-000000
   glasshouse explain runs/smoke train-sample-000000:0")]

@@ -43,7 +43,6 @@ enum SampleLayout {
     Places,
 }
 
-/// Photographs in a layout.
 struct Photographs {
     size: [u32; 2],
     /// Paths of the colour images, relative to the folder.

@@ -97,7 +97,6 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
 /// Options of the work on a run.
 pub(super) struct How<'a> {
     deadline: Option<Instant>,
-    /// Folder of the run.
     run: &'a Path,
     roots: &'a [String],
     cache: Option<&'a CacheArgs>,
@@ -288,7 +287,6 @@ impl fmt::Display for Planned<'_> {
     }
 }
 
-/// Result of a worker.
 #[derive(Serialize)]
 pub(super) struct Worked<'a> {
     run: Cow<'a, str>,

@@ -74,7 +74,6 @@ struct Scene {
     provenance: Option<Arc<Provenance>>,
 }
 
-/// A tuple in the store.
 #[derive(Clone, Copy, Debug)]
 pub struct SeenTuple {
     /// Index of its scene in the manifest.
@@ -85,7 +84,6 @@ pub struct SeenTuple {
     put: SystemTime,
 }
 
-/// An attempt in the store.
 #[derive(Clone, Debug)]
 pub struct SeenAttempt {
     pub record: AttemptRecord,

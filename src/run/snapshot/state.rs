@@ -91,7 +91,6 @@ pub struct Counts {
     pub quarantined: Vec<Quarantined>,
 }
 
-/// A scene in quarantine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Quarantined {
     pub scene: String,

@@ -162,8 +162,7 @@ impl Snapshot {
     }
 }
 
-/// Computes tuples per second over the last minutes from the ages of all tuples. The first recent tuple only starts the
-/// clock.
+/// Computes recent tuples per second from the ages of all tuples. The first recent tuple only starts the clock.
 fn rate(ages: impl Iterator<Item = Duration>) -> Option<f64> {
     let recent: Vec<Duration> = ages.filter(|age| *age < RATE_OVER).collect();
     let oldest = recent.iter().max()?.as_secs_f64();
