@@ -13,25 +13,25 @@ use std::time::Duration;
 #[derive(Clone, Debug, ClapArgs)]
 #[command(next_help_heading = "Options of every command")]
 pub(super) struct Global {
-    /// Print one JSON object with a `schema` field to stdout, and nothing else there
+    /// Print the result to stdout as one JSON object with a `schema` field
     #[arg(long, global = true)]
     pub(super) json: bool,
-    /// Compute threads; two more threads read and write files [default: one for each core]
+    /// Number of compute threads; two more threads read and write files [default: number of cores]
     #[arg(short = 'j', long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(super) threads: Option<u16>,
     /// Print no progress and no notes
     #[arg(short, long, global = true)]
     pub(super) quiet: bool,
-    /// Print more: rejected partials, time by stage
+    /// Print details: rejected partials, time by stage
     #[arg(short, long, global = true)]
     pub(super) verbose: bool,
-    /// Print what the command would do, write nothing
+    /// Print what the command would do, and write nothing
     #[arg(short = 'n', long, global = true)]
     pub(super) dry_run: bool,
-    /// Colour of messages
+    /// When to colour messages
     #[arg(long, global = true, value_enum, default_value = "auto", value_name = "WHEN")]
     pub(super) color: ColorWhen,
-    /// Progress: bars on a terminal, plain lines elsewhere
+    /// Form of the progress messages
     #[arg(long, global = true, value_enum, default_value = "auto", value_name = "HOW")]
     pub(super) progress: ProgressHow,
     /// Instruction set of the tracer's kernels; all give the same bits
@@ -41,43 +41,43 @@ pub(super) struct Global {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum ColorWhen {
-    /// On a terminal, unless NO_COLOR is set.
+    /// Colour on a terminal, unless NO_COLOR is set.
     Auto,
-    /// Always.
+    /// Colour everywhere.
     Always,
-    /// Never.
+    /// No colour.
     Never,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum ProgressHow {
-    /// Bars on a terminal, else plain lines.
+    /// Bars on a terminal, plain lines elsewhere.
     Auto,
-    /// Bars.
+    /// Progress bars.
     Bar,
     /// A line every few seconds.
     Plain,
-    /// None.
+    /// No progress messages.
     None,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum IsaChoice {
-    /// The fastest that this machine has.
+    /// The fastest instruction set of this machine.
     Auto,
-    /// Instructions that every machine has.
+    /// Instructions that every machine supports.
     Baseline,
     /// 256-bit vectors.
     Avx2,
 }
 
-/// Threads to use.
+/// Returns the number of compute threads.
 pub(super) fn threads(global: &Global) -> usize {
     let cores = || std::thread::available_parallelism().map_or(1, usize::from);
     global.threads.map_or_else(cores, usize::from)
 }
 
-/// Kernels to use.
+/// Selects the instruction set of the kernels; fails if this machine lacks it.
 pub(super) fn isa(global: &Global) -> Result<Isa, Failure> {
     match global.isa {
         IsaChoice::Auto => Ok(Isa::detect()),
@@ -87,7 +87,7 @@ pub(super) fn isa(global: &Global) -> Result<Isa, Failure> {
     }
 }
 
-/// The text of a value on the command line.
+/// Returns the name of a value on the command line.
 pub(super) fn typed(value: &impl ValueEnum) -> String {
     let name = value.to_possible_value();
     name.map_or_else(String::new, |name| name.get_name().to_owned())
@@ -101,10 +101,10 @@ pub(super) struct RootArgs {
     pub(super) roots: Vec<String>,
 }
 
-/// How often partials are written.
+/// Time between writes of partials.
 #[derive(Clone, Copy, Debug, ClapArgs)]
 pub(super) struct CheckpointArgs {
-    /// Seconds for which a scene's partials stay in memory before they are written; a kill loses at most that much work
+    /// Seconds that a scene's partials wait in memory before they are written; a kill loses at most this much work
     #[arg(long, value_name = "S", default_value = "20", value_parser = parse_duration, env = "GLASSHOUSE_CHECKPOINT_S")]
     pub(super) checkpoint_s: Duration,
 }
@@ -115,26 +115,25 @@ pub(super) struct CacheArgs {
     /// Folder for input files that come from an object store; workers may share it [default: RUN/cache]
     #[arg(long, value_name = "DIR", env = "GLASSHOUSE_CACHE")]
     pub(super) cache: Option<PathBuf>,
-    /// Approximate limit of the cache, GB; 0 keeps nothing
+    /// Approximate size limit of the cache, GB; 0 disables the cache
     #[arg(long, value_name = "GB", default_value = "20", value_parser = parse_gb)]
     pub(super) cache_gb: f64,
 }
 
 pub(super) const FARM: &str = "Many machines";
 
-/// Where a run's objects are.
 #[derive(Clone, Debug, ClapArgs)]
 #[command(next_help_heading = FARM)]
 pub(super) struct StoreArgs {
-    /// Where the run's objects are, if not in the run's folder: a folder, or s3://BUCKET/PREFIX; spec and manifest are fetched from there if RUN lacks them
+    /// Store of the run's objects, if not RUN: a folder, or s3://BUCKET/PREFIX; RUN gets spec and manifest from it
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
     pub(super) store: Option<String>,
 }
 
-/// Keys to a NATS server.
+/// Keys for a NATS server.
 #[derive(Clone, Debug, ClapArgs)]
 #[command(next_help_heading = FARM)]
-#[allow(clippy::struct_field_names, reason = "clap makes the flags of the names")]
+#[allow(clippy::struct_field_names, reason = "clap derives the flags from the names")]
 pub(super) struct NatsKeys {
     /// File with the seed of an nkey
     #[arg(long, value_name = "FILE", env = "GLASSHOUSE_QUEUE_NKEY", requires = "queue")]
@@ -148,7 +147,7 @@ pub(super) struct NatsKeys {
 }
 
 impl NatsKeys {
-    /// Options of a connection to `url` under `name`.
+    /// Returns the options of a connection to `url` with the client name `name`.
     pub(super) fn options(&self, url: String, name: String) -> NatsOptions {
         let [nkey, creds, ca] =
             [&self.queue_nkey, &self.queue_creds, &self.queue_ca].map(Clone::clone);
@@ -160,27 +159,27 @@ impl NatsKeys {
 #[derive(Clone, Debug, ClapArgs)]
 #[command(next_help_heading = FARM)]
 pub(super) struct QueueArgs {
-    /// NATS server: nats://host:4222, tls://host:4222, several with commas
+    /// NATS server: nats://host:4222 or tls://host:4222; commas separate several
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_QUEUE", hide_env_values = true)]
     pub(super) queue: Option<String>,
-    /// Where the run's objects are, if not in the run's folder: a folder that all machines see, or s3://BUCKET/PREFIX
+    /// Store of the run's objects, if not RUN: a folder that all machines share, or s3://BUCKET/PREFIX
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", requires = "queue")]
     pub(super) store: Option<String>,
-    /// Retry a store that is unavailable or busy for so long; after that a worker exits with 75
+    /// Seconds to retry an unavailable or busy store; a worker then exits with 75
     #[arg(long, value_name = "S", default_value = "45", value_parser = parse_duration, requires = "queue")]
     pub(super) store_patience_s: Duration,
-    /// Lease: a task whose worker is silent for longer goes to another worker; must be the same on all machines
+    /// Duration of a lease, equal on all machines; the queue passes on a task of a worker that is silent for longer
     #[arg(long, value_name = "S", default_value = "30", value_parser = parse_duration, requires = "queue")]
     pub(super) lease_s: Duration,
     #[command(flatten)]
     pub(super) keys: NatsKeys,
 }
 
-/// A queue that a command only reads.
+/// Server of a queue that a command only reads.
 #[derive(Clone, Debug, ClapArgs)]
 #[command(next_help_heading = FARM)]
 pub(super) struct ServerArgs {
-    /// NATS server, to show how full the queue is: nats://host:4222, tls://host:4222, several with commas
+    /// NATS server, to show the state of the queue: nats://host:4222 or tls://host:4222; commas separate several
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_QUEUE", hide_env_values = true)]
     pub(super) queue: Option<String>,
     /// File with the seed of an nkey
@@ -196,16 +195,16 @@ pub(super) struct ServerArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum SplitName {
-    /// Scenes that no training sees.
+    /// Scenes that training does not use.
     Test,
-    /// Scenes to train on.
+    /// Scenes for training.
     Train,
-    /// Both.
+    /// Scenes of both splits.
     All,
 }
 
 impl SplitName {
-    /// The text of the value on the command line.
+    /// Returns the name of the value on the command line.
     #[cfg(feature = "train")]
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -228,14 +227,14 @@ impl SplitName {
 pub(super) fn parse_spp(text: &str) -> Result<u32, String> {
     match text.parse::<u32>() {
         Ok(n) if n.is_power_of_two() && n <= 65_536 => Ok(n),
-        _ => Err("samples a pixel are a power of two from 1 to 65536".to_owned()),
+        _ => Err("samples per pixel must be a power of two from 1 to 65536".to_owned()),
     }
 }
 
 fn parse_gb(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(gb) if (0.0..=1e6).contains(&gb) => Ok(gb),
-        _ => Err("write gigabytes, 0 to 1000000".to_owned()),
+        _ => Err("write a number of gigabytes from 0 to 1000000".to_owned()),
     }
 }
 
@@ -246,10 +245,10 @@ pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
         "m" => 60.0,
         "h" => 3600.0,
         unit => {
-            return Err(format!("unknown unit {unit:?}: write seconds, 90s, 55m or 2h"));
+            return Err(format!("unknown unit {unit:?}: write a time like 90, 55m or 2h"));
         }
     };
-    let number: f64 = digits.parse().map_err(|_| "write seconds, 90s, 55m or 2h".to_owned())?;
+    let number: f64 = digits.parse().map_err(|_| "write a time like 90, 55m or 2h".to_owned())?;
     Duration::try_from_secs_f64(number * scale).map_err(|e| e.to_string())
 }
 

@@ -2,22 +2,22 @@
 
 use std::process::ExitCode;
 
-/// How the program ends.
+/// Result of the program, with its exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
-    /// 0: done.
+    /// 0: success.
     Done,
-    /// 1: failed (disk full, no permission, ...).
+    /// 1: failure (disk full, no permission, ...).
     Failed,
-    /// 2: the command line is wrong.
+    /// 2: the command line is invalid.
     Usage,
-    /// 3: finished, with quarantined or missing work.
+    /// 3: finished, with scenes in quarantine or missing results.
     Incomplete,
-    /// 4: the recipe, manifest or scene is wrong.
+    /// 4: the recipe, manifest or scene is missing or invalid.
     InvalidInput,
     /// 5: the run directory disagrees with the recipe, the program's version or the machine.
     Disagrees,
-    /// 75: not finished, try again (time limit, run in use): `EX_TEMPFAIL`.
+    /// 75 (`EX_TEMPFAIL`): not finished, try again (time limit, run in use).
     TryAgain,
     /// 130: interrupted (SIGINT).
     Interrupted,
@@ -40,7 +40,7 @@ impl Exit {
         }
     }
 
-    /// Ends the program at once: for a thread that hangs and cannot be stopped otherwise.
+    /// Ends the program at once, because nothing else stops a thread that hangs.
     #[allow(clippy::exit, reason = "the only place that exits")]
     pub(super) fn now(self) -> ! {
         std::process::exit(self.code().into())
@@ -63,12 +63,12 @@ pub(super) struct Failure {
 }
 
 impl Failure {
-    /// An error that ends the program with `exit`.
+    /// Returns an error that ends the program with `exit`.
     pub(super) fn new(exit: Exit, error: impl Into<anyhow::Error>) -> Self {
         Self { exit, error: error.into(), details: serde_json::Map::new() }
     }
 
-    /// The error in one line: each cause once, because the library's errors repeat their causes in their own text.
+    /// Joins the messages of the error and its causes, except for causes that an earlier message already contains.
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
         for cause in self.error.chain().map(ToString::to_string) {
@@ -83,7 +83,7 @@ impl Failure {
     }
 }
 
-/// `failure!(exit, "format", ...)`: a failure with a text.
+/// `failure!(exit, "format", ...)` makes a [`Failure`] with this message.
 macro_rules! failure {
     ($exit:expr, $($text:tt)+) => {
         $crate::cli::exit_code::Failure::new($exit, anyhow::anyhow!($($text)+))
@@ -91,7 +91,7 @@ macro_rules! failure {
 }
 pub(super) use failure;
 
-/// Exit codes of an error's variants. A variant that only wraps another error has that error's code.
+/// Maps an error's variants to exit codes. A variant that only wraps another error has that error's code.
 macro_rules! exit_codes {
     ($($error:ty {
         $(($($wrapper:ident)|+) => its_own,)?
@@ -170,7 +170,7 @@ exit_codes! {
     }
 }
 
-/// Converts a [`StoreError`](crate::store::StoreError) that a crate without stores has passed on.
+/// Converts the error of a callback, which is a [`StoreError`](crate::store::StoreError) if the store failed.
 fn from_boxed(error: Box<dyn std::error::Error + Send + Sync>) -> Failure {
     match error.downcast::<crate::store::StoreError>() {
         Ok(error) => (*error).into(),

@@ -1,4 +1,4 @@
-//! A worker's child process, which traces a task that was lost with an earlier process.
+//! A worker's child process, which traces a task that an earlier process was lost with.
 //!
 //! The child is `work --only SCENE:A-B` on the same run and store. It prints a line when it renews its lease, a line
 //! with `hung` when it makes no progress, and finally its outcome as JSON.
@@ -16,14 +16,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// The child's sign of life.
-pub(super) const SIGN: &str = "goes on";
+/// Line that the child prints as a sign of life.
+pub(super) const SIGN: &str = "alive";
 /// Prefix of the line that the child prints before it exits because it hangs.
 pub(super) const HUNG: &str = "hung: ";
-/// Lines to keep of a lost child's messages.
+/// Number of last lines to keep of a lost child's messages.
 const TAIL_LINES: usize = 20;
 
-/// Shards of a scene, as `SCENE:A-B`: from A up to, not with, B.
+/// Shards A to B - 1 of a scene, from the argument `SCENE:A-B`.
 #[derive(Clone, Debug)]
 pub(super) struct Only {
     pub(super) scene: String,
@@ -67,7 +67,7 @@ impl Children<'_> {
         command.args(["--json", "--progress", "none", "--isa", &self.isa]);
         command.args(["-j", &self.threads.to_string(), "--name", self.name]);
         command.args(["--hang-s", &self.hang.as_secs_f64().to_string()]);
-        // Every finished shard is written at once, because the child may die.
+        // The child writes each finished shard at once, because it may die.
         command.args(["--checkpoint-s", "0"]);
         for root in self.roots {
             command.args(["--root", root]);
@@ -81,9 +81,9 @@ impl Children<'_> {
             }
             command.args(["--cache-gb", &cache.cache_gb.to_string()]);
         }
-        // Its last lines should say what happened; a backtrace would displace them.
+        // A backtrace would displace the messages that name the cause.
         command.env("RUST_BACKTRACE", "0");
-        // Not on the command line, where other users could see a password in a URL.
+        // The environment hides a password in a URL from other users, who can see the command line.
         command.env_remove("GLASSHOUSE_QUEUE").env_remove("GLASSHOUSE_STORE");
         if let Some(QueueArgs { queue: Some(url), store, store_patience_s, .. }) = self.queue {
             let patience = store_patience_s.as_secs_f64().to_string();
@@ -134,7 +134,8 @@ impl Sandbox for Children<'_> {
                     return SandboxEnd::Stopped;
                 }
                 Err(RecvTimeoutError::Timeout) if heard.elapsed() > self.hang => {
-                    let reason = format!("it gave no sign for {} s", self.hang.as_secs_f64());
+                    let reason =
+                        format!("it printed no sign of life for {} s", self.hang.as_secs_f64());
                     hung = Some(reason);
                     end(&mut child);
                     break;
@@ -155,7 +156,7 @@ impl Sandbox for Children<'_> {
             (Some(reason), _) => lost(EndKind::Hung, reason),
             (None, None) => lost(EndKind::Crashed, signal(status)),
             (None, Some(0 | 3)) => done(&last),
-            // The terminal sends its signals to all processes.
+            // The terminal sends its signals to all processes of the group.
             (None, Some(75 | 130 | 143)) => SandboxEnd::Stopped,
             (None, Some(code)) => {
                 SandboxEnd::Failed(format!("it ended with {code}: {}", log_tail.trim_end()))
@@ -165,7 +166,7 @@ impl Sandbox for Children<'_> {
 }
 
 fn end(child: &mut Child) {
-    // The results that it has put are durable; the rest is traced again.
+    // Results that the child has put are durable; the rest is traced again.
     let _ = child.kill();
     let _ = child.wait();
 }
@@ -173,7 +174,7 @@ fn end(child: &mut Child) {
 fn signal(status: ExitStatus) -> String {
     let number = status.signal().unwrap_or(0);
     let name = signal_hook::low_level::signal_name(number).unwrap_or("unknown");
-    let hint = if name == "SIGKILL" { ": is there enough memory?" } else { "" };
+    let hint = if name == "SIGKILL" { ": possibly out of memory" } else { "" };
     format!("its process was killed by signal {number} ({name}){hint}")
 }
 

@@ -16,13 +16,13 @@ use train::{
 /// Default side of a tile, px.
 pub(super) const TILE_PX: u32 = 768;
 
-/// How to load and apply networks.
+/// Options to load and apply networks.
 #[derive(Debug, ClapArgs)]
 pub(super) struct NetworkArgs {
-    /// VGG-19 weights, for networks that were trained with the features of a file; must be the same file
+    /// File of VGG-19 weights, required by networks that were trained with such a file; must be the same file
     #[arg(long, value_name = "FILE")]
     pub(super) features: Option<String>,
-    /// Split larger pictures into overlapping tiles of this side, px: less memory, but a norm per tile
+    /// Side of the overlapping tiles of larger pictures, px. Smaller tiles save memory; each is normalised alone
     #[arg(long, value_name = "PX", default_value_t = TILE_PX, value_parser = clap::value_parser!(u32).range(272..=16384))]
     pub(super) tile_px: u32,
 }
@@ -30,7 +30,7 @@ pub(super) struct NetworkArgs {
 /// Device that computes the networks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(super) enum DeviceName {
-    /// The processor.
+    /// The CPU.
     #[default]
     Cpu,
     /// The first GPU.
@@ -50,7 +50,7 @@ impl DeviceName {
             Self::Cuda => Device::new_cuda(0).map_err(|e| {
                 failure!(
                     Exit::Failed,
-                    "no GPU can be used ({e}): see docs/training.md, or leave --device out"
+                    "cannot use the GPU ({e}): see docs/training.md, or leave out --device"
                 )
             }),
         }
@@ -65,7 +65,7 @@ pub(super) fn use_threads(global: &Global) -> usize {
     threads
 }
 
-/// The file of VGG-19 weights, if `--features` names one.
+/// Returns the file of VGG-19 weights, if `--features` names one.
 pub(super) fn weights_file(typed: Option<&str>) -> Option<&Path> {
     typed.filter(|typed| !["none", "random"].contains(typed)).map(Path::new)
 }
@@ -100,7 +100,7 @@ impl Network {
         let settings = &checkpoint.state.settings;
         if weights.is_some() && settings.features != FeatureSource::File {
             output.note(&format!(
-                "{} uses no features of a file: --features is ignored for it",
+                "--features is ignored for {}, because its network uses no weights of a file",
                 checkpoint.path.display()
             ));
         }
@@ -120,7 +120,7 @@ impl Network {
         Ok(Self { separator, path: checkpoint.path, state: checkpoint.state })
     }
 
-    /// Name of the table row: `name`, or stage and step. Adds the features if they differ from the paper's.
+    /// Returns the name of the table row: `name`, or stage and step. Adds the features if they differ from the paper's.
     pub(super) fn row_name(&self, name: Option<&str>) -> String {
         let state = &self.state;
         let name = name
@@ -148,7 +148,8 @@ fn checkpoint(place: &Path, which: Which, output: &Output) -> Result<Checkpoint,
         match Checkpoint::read(&checkpoint_folder(&folder, best.step), &Device::Cpu) {
             Ok(checkpoint) => return Ok(checkpoint),
             Err(error) => {
-                output.warning(&format!("{error}; it was the best, the newest is taken instead"));
+                output
+                    .warning(&format!("{error}; using the newest checkpoint instead of the best"));
             }
         }
     }
@@ -166,7 +167,7 @@ fn checkpoint(place: &Path, which: Which, output: &Output) -> Result<Checkpoint,
         } else {
             failure!(
                 Exit::InvalidInput,
-                "{place} holds no checkpoint; give a checkpoint's folder (step-NNNNNNN), that of its stage (RUN/train/separation), or a run"
+                "{place} holds no checkpoint; give the folder of a checkpoint (step-NNNNNNN), a stage (RUN/train/separation) or a run"
             )
         }
     })

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 
-/// The schema name of an error with --json.
+/// Schema of the error object that --json prints.
 const ERROR_SCHEMA: &str = "glasshouse.error/1";
 
 /// Prints the error object for an invalid command line.
@@ -31,7 +31,7 @@ pub(super) fn reasons<S: Serializer>(
     serializer.collect_seq(scenes.iter().map(|(scene, reason)| Reason { scene, reason }))
 }
 
-/// Serializes named numbers as an object, in their order.
+/// Serializes named numbers as an object and keeps their order.
 pub(super) fn as_map<S: Serializer>(
     numbers: &[(&'static str, f64)],
     serializer: S,
@@ -56,7 +56,7 @@ pub(super) struct Output {
 
 impl Output {
     pub(super) fn new(global: &Global) -> Self {
-        #[allow(clippy::disallowed_methods, reason = "cli is where the environment is read")]
+        #[allow(clippy::disallowed_methods, reason = "only cli reads the environment")]
         let no_color = std::env::var("NO_COLOR").is_ok_and(|v| !v.is_empty());
         let color = match global.color {
             ColorWhen::Always => true,
@@ -66,8 +66,8 @@ impl Output {
         Self { json: global.json, quiet: global.quiet, verbose: global.verbose, color }
     }
 
-    /// Prints the command's result: with --json an object that begins with its schema, else a text. A closed pipe is no
-    /// error.
+    /// Prints the command's result: with --json an object that begins with its schema, else a text. Ignores a closed
+    /// pipe.
     pub(super) fn show(&self, schema: &str, result: &(impl Serialize + Display)) {
         if self.json {
             print_object(schema, serde_json::to_value(result).unwrap_or_default());
@@ -102,7 +102,7 @@ impl Output {
         self.line("warning", "33", text);
     }
 
-    /// Prints the reason for the program's end; with --json also as the only object on stdout.
+    /// Prints the error that ends the program; with --json also as the only object on stdout.
     pub(super) fn error(&self, failure: &Failure) {
         let text = failure.text();
         if self.json {

@@ -19,18 +19,18 @@ pub(super) struct Progress {
     what: &'static str,
     length: AtomicU64,
     done: AtomicU64,
-    /// Units of `done` that existed before.
+    /// Units of `done` that existed before the start.
     free: AtomicU64,
     start: Instant,
-    /// Scenes with photographs that do not fill the view: share of missed paths and id.
+    /// Scenes with photographs that do not fill the view: share of their paths that miss, and id.
     narrow: Mutex<Vec<(f64, String)>>,
 }
 
-/// A scene is reported if a larger share of a layer's paths misses the photograph.
+/// Largest share of a layer's paths that may miss the photograph without a note.
 const NARROW_SHARE: f64 = 0.1;
 
 impl Progress {
-    /// Progress over `length` units of `what` (shards, photographs).
+    /// Starts the display of a progress over `length` units of `what` (shards, photographs).
     pub(super) fn new(global: &Global, what: &'static str, length: u64) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let how = match global.progress {
@@ -69,7 +69,7 @@ impl Progress {
         }
     }
 
-    /// Counts `count` finished units; `free` ones existed before and do not count for the rate.
+    /// Counts `count` finished units. If `free`, they existed before and do not count for the rate.
     pub(super) fn add(&self, count: u64, free: bool) {
         self.done.fetch_add(count, Ordering::Relaxed);
         if free {
@@ -111,7 +111,7 @@ impl Progress {
         }
     }
 
-    /// Prints through `print` without tearing the bar.
+    /// Calls `print` while the bar is hidden.
     pub(super) fn suspend(&self, print: impl FnOnce()) {
         match &self.bar {
             Some(bar) => bar.suspend(print),
@@ -119,14 +119,14 @@ impl Progress {
         }
     }
 
-    /// Prints a note about the scenes that show much more than was photographed.
+    /// Prints a note about scenes with views that exceed their photographs.
     pub(super) fn note_narrow_scenes(&self, output: &Output) {
         let narrow = self.narrow.lock().expect("no holder of this lock panics");
         let worst = narrow.iter().max_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((share, scene)) = worst {
             output.note(&format!(
-                "in {} scenes over {:.0} % of a layer's paths miss the photograph (worst: {scene}, {:.0} %); a longer focal \
-                 length, less tilt or apex \"mirror\" avoids that",
+                "in {} scenes, over {:.0} % of a layer's paths miss the photograph (worst: {scene}, {:.0} %); a longer focal \
+                 length, less tilt or apex \"mirror\" keeps more paths on it",
                 narrow.len(),
                 NARROW_SHARE * 100.0,
                 share * 100.0,
@@ -163,7 +163,7 @@ impl Progress {
                 match state {
                     ControlState::Running => note("the run was resumed"),
                     ControlState::Paused => warning(&format!(
-                        "the run is paused{reason}: open scenes are finished, no other starts until `glasshouse resume RUN`"
+                        "the run is paused{reason}: workers finish their open scenes and start no others until `glasshouse resume RUN`"
                     )),
                     ControlState::Cancelled => warning(&format!(
                         "the run is cancelled{reason}: ending after the shards in flight; `glasshouse resume RUN` undoes the cancel"
@@ -181,7 +181,7 @@ impl Progress {
                 "scene {scene} was lost with an earlier process: a child process traces it"
             )),
             Event::Aborts { scene } => {
-                warning(&format!("scene {scene} aborts this process, as --fault asks"));
+                warning(&format!("scene {scene} aborts this process because of --fault"));
             }
             Event::ChildLost { scene, reason } => {
                 warning(&format!("scene {scene} was lost with its process: {reason}"));

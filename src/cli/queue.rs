@@ -1,4 +1,4 @@
-//! From `--queue` and `--store` to a queue and a store.
+//! Opens the queue of `--queue` and the store of `--store`.
 
 use super::args::{QueueArgs, ServerArgs};
 use super::exit_code::{Exit, Failure, failure};
@@ -25,7 +25,7 @@ pub(super) fn fetch_run(run: &Path, args: &QueueArgs) -> Result<(), Failure> {
     }
 }
 
-/// Host and process.
+/// Returns a worker's default name: host and process id.
 pub(super) fn worker_name() -> String {
     format!("{}-{}", host_name(), std::process::id())
 }
@@ -39,26 +39,26 @@ fn options(args: &QueueArgs, name: &str) -> Result<NatsOptions, Failure> {
     let url = args.queue.clone().ok_or_else(|| {
         failure!(
             Exit::Usage,
-            "--queue URL is missing (or GLASSHOUSE_QUEUE): where is the NATS server?"
+            "the NATS server is missing: give --queue URL or set GLASSHOUSE_QUEUE"
         )
     })?;
     Ok(args.keys.options(url, name.to_owned()))
 }
 
-/// A worker's end of the queue.
+/// Connects a worker to the queue.
 pub(super) fn worker(run: &Run, args: &QueueArgs, name: &str) -> Result<NatsWorker, Failure> {
     let options = options(args, name)?;
     let scenes = run.lines.len();
     Ok(NatsWorker::connect(&options, run.id(), scenes, args.lease_s)?)
 }
 
-/// The coordinator's end of the queue.
+/// Connects the coordinator to the queue.
 pub(super) fn coordinator(run: &Run, args: &QueueArgs) -> Result<NatsCoordinator, Failure> {
     let options = options(args, "coordinator")?;
     Ok(NatsCoordinator::connect(&options, run.id(), args.lease_s)?)
 }
 
-/// A connection that only reads; `None` without a server.
+/// Connects to the queue in order to read its state; `None` without a server.
 pub(super) fn observer(run: &Run, args: &ServerArgs) -> Result<Option<NatsCoordinator>, Failure> {
     let Some(url) = args.queue.clone() else {
         return Ok(None);
@@ -70,6 +70,6 @@ pub(super) fn observer(run: &Run, args: &ServerArgs) -> Result<Option<NatsCoordi
         ca: args.queue_ca.clone(),
         name: "status".to_owned(),
     };
-    // It creates no tasks, so it needs no lease.
+    // This connection creates neither stream nor consumer, so it needs no lease.
     Ok(Some(NatsCoordinator::connect(&options, run.id(), Duration::ZERO)?))
 }

@@ -1,11 +1,11 @@
-//! Signals: after the first SIGINT or SIGTERM, the program finishes the shards in flight; the second ends it at once.
+//! Signal handling: after the first signal, the program finishes the shards in flight; the second ends it at once.
 
 use super::exit_code::Exit;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// Signals caught so far.
+/// The signals caught so far.
 pub(super) struct Signals {
     stop: Arc<AtomicBool>,
     which: Arc<AtomicUsize>,
@@ -29,12 +29,12 @@ impl Signals {
         Self { stop, which }
     }
 
-    /// The flag that the first signal sets.
+    /// Returns the flag that the first signal sets.
     pub(super) fn stop(&self) -> &AtomicBool {
         &self.stop
     }
 
-    /// Exit code for the last signal.
+    /// Returns the exit code for the last signal.
     pub(super) fn exit(&self) -> Exit {
         match self.which.load(Ordering::Relaxed) as i32 {
             SIGINT => Exit::Interrupted,

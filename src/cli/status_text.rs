@@ -1,4 +1,4 @@
-//! A run's status as text.
+//! Formats a run's status as text.
 
 use crate::farm::queue::QueueState;
 use crate::run::{EndKind, RunState, StandingAttempt, Status};
@@ -6,17 +6,16 @@ use crate::text::{cut as shorten, duration, grouped, many, percent, rate};
 use serde::{Serialize, Serializer};
 use std::fmt::Write;
 
-/// Characters of the bar.
+/// Width of the bar, in characters.
 const BAR: usize = 40;
-/// Characters of a reason.
+/// Largest length of a reason, in characters.
 const REASON: usize = 160;
 
-/// The state of the queue.
 pub(super) enum Queue {
-    /// No queue was given, or the run is finished.
+    /// The command line names no queue, or the run is finished.
     None,
     There(QueueState),
-    /// It does not answer, for this reason.
+    /// The queue does not answer, for this reason.
     Lost(String),
 }
 
@@ -37,7 +36,7 @@ impl Serialize for Queue {
     }
 }
 
-/// Rate and time left, if they are known.
+/// Formats rate and time left, if they are known.
 fn pace(view: &Status) -> Vec<String> {
     let mut parts = Vec::new();
     if let Some(per_s) = view.rate_scenes_per_s {
@@ -50,7 +49,7 @@ fn pace(view: &Status) -> Vec<String> {
     parts
 }
 
-/// One line, for logs.
+/// Formats the status as one line, for logs.
 pub(super) fn line(name: &str, view: &Status) -> String {
     let counts = &view.counts;
     let mut parts = vec![
@@ -64,7 +63,7 @@ pub(super) fn line(name: &str, view: &Status) -> String {
     format!("{name}: {}, {}", view.state.name(), parts.join(", "))
 }
 
-/// The full status; of each list at most `shown` entries.
+/// Formats the full status, with at most `shown` entries of each list.
 pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> String {
     let counts = &view.counts;
     let mut text = format!(
@@ -103,7 +102,7 @@ pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> St
         Queue::There(state) => row(
             &mut text,
             "queue",
-            &format!("{} waiting, {} held", many(state.waiting, "span"), grouped(state.held)),
+            &format!("{} waiting, {} held", many(state.waiting, "task"), grouped(state.held)),
         ),
         Queue::Lost(reason) => row(&mut text, "queue", &cut(reason)),
     }
@@ -120,7 +119,7 @@ pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> St
     let reasons = reasons.map(|q| format!("{}: {}", q.scene, cut(&q.reason)));
     list(&mut text, "quarantine", reasons, shown);
     match view.state {
-        RunState::Paused => text += "\n`glasshouse resume RUN` continues it",
+        RunState::Paused => text += "\n`glasshouse resume RUN` continues the run",
         RunState::Cancelled => text += "\n`glasshouse resume RUN` undoes the cancel",
         RunState::Running | RunState::Finished => {}
     }
@@ -130,7 +129,7 @@ pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> St
     text
 }
 
-/// An attempt, on one line.
+/// Formats an attempt on one line.
 pub(super) fn attempt(attempt: &StandingAttempt) -> String {
     let note = &attempt.note;
     let [start, end] = note.shards;
@@ -151,7 +150,7 @@ pub(super) fn attempt(attempt: &StandingAttempt) -> String {
     text
 }
 
-/// Appends a line with a name and a value.
+/// Appends a row with a name and a value.
 pub(super) fn row(text: &mut String, name: &str, value: &str) {
     let _ = write!(text, "\n  {name:<11} {value}");
 }
@@ -166,7 +165,7 @@ fn list(text: &mut String, name: &str, rows: impl ExactSizeIterator<Item = Strin
     }
 }
 
-/// The first characters of a reason, on one line.
+/// Cuts a reason to its first characters, on one line.
 fn cut(reason: &str) -> String {
     shorten(reason, REASON).replace(|c: char| c.is_control(), " ")
 }

@@ -1,15 +1,15 @@
-//! Settings of object stores, from the environment and the command line.
+//! Settings of object stores and input files, from the environment and the command line.
 
 use super::args::CacheArgs;
 use crate::run::Run;
 use crate::store::{Cache, Inputs, StoreOptions};
 
-/// Prefixes of the settings of object stores.
+/// Prefixes of environment variables with settings of object stores.
 const SETTINGS: [&str; 3] = ["AWS_", "GOOGLE_", "AZURE_"];
-/// Bytes of `--cache-gb`'s unit.
+/// Unit of `--cache-gb`, bytes.
 const GB: f64 = 1e9;
 
-/// Credentials and endpoints, under the names that the stores' own tools use.
+/// Reads credentials and endpoints from the variables that the stores' own tools use.
 pub(super) fn store_options() -> StoreOptions {
     let settings = std::env::vars_os().filter_map(|(name, value)| {
         let (name, value) = (name.into_string().ok()?, value.into_string().ok()?);
@@ -19,12 +19,12 @@ pub(super) fn store_options() -> StoreOptions {
     StoreOptions { settings: settings.collect(), ..StoreOptions::default() }
 }
 
-/// A reader of input files without a cache, for commands that read each file once.
+/// Returns a reader of input files without a cache, for commands that read each file once.
 pub(super) fn inputs() -> Inputs {
     Inputs::new(store_options(), None)
 }
 
-/// A reader of a run's input files, with a cache in the run's folder or where `args` say.
+/// Returns a reader of a run's input files, with the cache of `args` or a cache in the run's folder.
 pub(super) fn inputs_of(run: &Run, args: &CacheArgs) -> Inputs {
     let folder = args.cache.clone();
     let folder = folder.unwrap_or_else(|| run.root().join("cache"));

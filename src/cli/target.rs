@@ -1,4 +1,4 @@
-//! A command's run and the store of its objects.
+//! Opens a command's run and the store of its objects.
 
 use super::exit_code::{Exit, Failure, failure};
 use super::store_env::{inputs, store_options};
@@ -7,7 +7,7 @@ use crate::store::Store;
 use render::line::Roots;
 use std::path::Path;
 
-/// Opens a run and its store: the folder itself, or `address`.
+/// Opens a run and its store: `address`, or the run's folder.
 pub(super) fn open(
     folder: &Path,
     address: Option<&str>,
@@ -22,7 +22,7 @@ pub(super) fn open(
     if let Some(store) = &elsewhere {
         check(&run, store)?;
     }
-    // Opening a local store creates its folder, so only after the run has been found there.
+    // Opening a local store creates its folder, so the run must be opened first.
     let store = elsewhere.map_or_else(|| Store::local(folder), Ok)?;
     Ok((run, store))
 }

@@ -1,9 +1,9 @@
-//! Records of attempts, by which scenes that kill their workers are detected.
+//! Records of attempts, which reveal scenes that kill their workers.
 //!
-//! A worker that takes a task first puts `attempts/<scene>/<start>-<end>.<n>.json` and removes it when the task ends in
-//! order. A remaining record belongs to a running attempt or to a lost one. The queue decides which: when it delivers a
-//! task again, the last holder's lease has expired. A task that was lost once is traced in a child process; after four
-//! losses its scene goes into quarantine.
+//! A worker that takes a task first puts `attempts/<scene>/<start>-<end>.<n>.json` and removes it when the task ends
+//! normally. A remaining record belongs to a running attempt or to a lost one. The queue tells which: when it delivers
+//! a task again, the last holder's lease has expired. A child process traces a task that was lost once; after four
+//! losses, its scene goes into quarantine.
 
 use super::json_line;
 use super::keys;
@@ -23,7 +23,7 @@ pub const MOST_LOST: u32 = 4;
 /// A scene goes into quarantine when its files are unreadable on this many machines.
 const HOSTS_TO_REFUSE: usize = 2;
 
-/// `attempts/<scene>/<start>-<end>.<n>.json`
+/// Content of `attempts/<scene>/<start>-<end>.<n>.json`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AttemptRecord {
@@ -36,13 +36,13 @@ pub struct AttemptRecord {
     pub n: u32,
     pub worker: String,
     pub host: String,
-    /// Shards that had a partial before.
+    /// Number of the shards that had a partial before the attempt.
     pub found: u32,
-    /// How it failed; `null` while it runs.
+    /// Failure of the attempt; `null` while it runs.
     pub ended: Option<Ending>,
 }
 
-/// A failure, as a worker recorded it.
+/// A worker's record of a failure.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ending {
@@ -57,7 +57,7 @@ pub struct Ending {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EndKind {
-    /// Its worker's lease expired; recorded by the next worker.
+    /// The worker's lease expired; the next worker records this.
     Lost,
     /// The child process died.
     Crashed,
@@ -70,20 +70,20 @@ pub enum EndKind {
 /// A worker and its machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WorkerName {
-    /// Unique to the process.
+    /// Name of the process, unique.
     pub worker: String,
-    /// The same for all workers of a machine.
+    /// Name of the machine, shared by all its workers.
     pub host: String,
 }
 
-/// Judgement of a task by its earlier attempts.
+/// Verdict on a task from its earlier attempts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum PoisonCheck {
     /// No attempt was lost.
     Clean,
-    /// It may have killed a worker: only a child process may trace it.
+    /// The task may have killed a worker: only a child process may trace it.
     Suspect,
-    /// It has killed too many processes: its scene goes into quarantine for this reason.
+    /// The task has killed too many processes: its scene goes into quarantine for this reason.
     Poison(String),
 }
 
@@ -101,14 +101,14 @@ impl AttemptRecord {
         }
     }
 
-    /// Reads the record under `key`; `None` for a key of another kind. A damaged record counts as lost.
+    /// Parses the record under `key`; returns `None` for a key of another kind. A damaged record counts as lost.
     pub(crate) fn parse(scene: &SceneId, key: &str, bytes: &[u8]) -> Option<Self> {
         let ([start, end], n) = keys::attempt_of(key)?;
         let damaged = |e| {
             let unknown = WorkerName { worker: "unknown".to_owned(), host: "unknown".to_owned() };
             let ended = Some(Ending {
                 kind: EndKind::Crashed,
-                reason: format!("its record is damaged ({e})"),
+                reason: format!("the record is damaged ({e})"),
                 log_tail: String::new(),
             });
             Self {
@@ -131,7 +131,7 @@ impl AttemptRecord {
         loop {
             match store.create(&self.key(), &json_line(self)) {
                 Ok(_) => return Ok(()),
-                // Another worker took the task, too: this one's lease expired, or the queue was reset.
+                // Another worker took the task, too: this worker's lease expired, or the queue was reset.
                 Err(StoreError::Differs { .. }) => self.n += 1,
                 Err(error) => return Err(error),
             }
@@ -144,7 +144,7 @@ impl AttemptRecord {
         Ok(self)
     }
 
-    /// Removes the record, because the task has ended in order. If that fails, the record counts once the queue
+    /// Removes the record, because the task has ended normally. If that fails, the record counts once the queue
     /// delivers the task again.
     pub(crate) fn forget(&self, store: &Store) {
         let _ = store.delete(&[self.key()]);
@@ -154,7 +154,7 @@ impl AttemptRecord {
         self.ended.as_ref().map(|ending| ending.kind)
     }
 
-    /// The scene's files could not be read on this host.
+    /// True if `host` could not read the scene's files.
     pub(crate) fn could_not_read(&self, host: &str) -> bool {
         self.host == host && self.end_kind() == Some(EndKind::Unreadable)
     }
@@ -167,7 +167,7 @@ impl AttemptRecord {
         self.shards[0] < task.shards.end && task.shards.start < self.shards[1]
     }
 
-    /// Whether this task may have killed the worker.
+    /// True if this task may have killed the worker.
     fn was_lost(&self, task: &Task) -> bool {
         match self.end_kind() {
             None | Some(EndKind::Unreadable) => false,
@@ -178,13 +178,13 @@ impl AttemptRecord {
     }
 }
 
-/// A scene's records, sorted by shards and number.
+/// Returns a scene's records, sorted by shards and number.
 pub fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<AttemptRecord>, StoreError> {
     let records = attempts_with_times(store, scene)?.into_iter();
     Ok(records.map(|(record, _)| record).collect())
 }
 
-/// [`attempts`] with the times when they were put.
+/// Like [`attempts`], with the times when workers put the records.
 pub(crate) fn attempts_with_times(
     store: &Store,
     scene: &SceneId,
@@ -211,7 +211,7 @@ pub(crate) fn mark_lost(
         if record.ended.is_some() || !record.is_of(task) {
             return Ok(record);
         }
-        let reason = format!("worker {} was lost with it", record.worker);
+        let reason = format!("worker {} was lost with the task", record.worker);
         record.end(store, Ending { kind: EndKind::Lost, reason, log_tail: String::new() })
     };
     records.into_iter().map(mark).collect()
@@ -245,7 +245,7 @@ pub(crate) fn poison_check(records: &[AttemptRecord], task: &Task, found: u32) -
     ))
 }
 
-/// Whether enough machines have failed to read the scene's files; after `MOST_LOST` attempts one machine is enough.
+/// True if attempts on two machines, or `MOST_LOST` attempts, have failed to read the scene's files.
 pub(crate) fn is_unreadable(records: &[AttemptRecord]) -> bool {
     let failed = || records.iter().filter(|r| r.end_kind() == Some(EndKind::Unreadable));
     let hosts: BTreeSet<&str> = failed().map(|record| record.host.as_str()).collect();
@@ -282,10 +282,10 @@ mod tests {
     #[test]
     fn only_lost_attempts_count() {
         assert_eq!(poison_check(&[], &TASK, 0), PoisonCheck::Clean);
-        // It still runs, or the queue was reset.
+        // The attempt still runs, or the queue was reset.
         assert_eq!(poison_check(&[record(1, 0, None)], &TASK, 0), PoisonCheck::Clean);
         assert_eq!(poison_check(&[record(1, 0, LOST)], &TASK, 0), PoisonCheck::Suspect);
-        // A part that was donated before is no suspect, but the shard that killed a child process may be in it.
+        // A part that was donated before is not suspect, but may contain the shard that killed a child process.
         assert_eq!(poison_check(&[record(1, 0, LOST)], &TAIL, 0), PoisonCheck::Clean);
         assert_eq!(poison_check(&[record(1, 0, CRASHED)], &TAIL, 0), PoisonCheck::Suspect);
         let unreadable = [record(1, 0, Some(EndKind::Unreadable))];
@@ -304,7 +304,7 @@ mod tests {
         let marked = mark_lost(&store, there, &TASK).unwrap();
         assert_eq!(marked[0].ended.as_ref().unwrap().kind, EndKind::Lost);
         assert_eq!(attempts(&store, &scene()).unwrap(), marked);
-        // Its worker was only slow.
+        // The worker was only slow, so it removes its record.
         running.forget(&store);
         assert!(attempts(&store, &scene()).unwrap().is_empty());
     }
@@ -361,7 +361,7 @@ mod tests {
         let mut second = record(9, 3, None);
         second.worker = "another".to_owned();
         first.begin(&store, &[]).unwrap();
-        // It listed the same empty folder.
+        // The second worker listed the same empty folder.
         second.begin(&store, &[]).unwrap();
         assert_eq!(second.key(), "attempts/train-00000/0-64.2.json");
         let ending = record(1, 0, CRASHED).ended.unwrap();

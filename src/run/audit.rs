@@ -27,7 +27,7 @@ pub(crate) struct AuditOptions<'a> {
     pub(crate) threads: usize,
     /// Instruction set of the tracer.
     pub(crate) isa: Isa,
-    /// Set by another thread to end the audit.
+    /// Flag that ends the audit when another thread sets it.
     pub(crate) stop: &'a AtomicBool,
 }
 
@@ -46,11 +46,11 @@ pub(crate) enum Verdict {
 pub(crate) struct SceneAudit {
     pub(crate) scene: SceneId,
     pub(crate) verdict: Verdict,
-    /// Workers that made its tuple.
+    /// Workers that made the scene's tuple.
     pub(crate) receipt: Option<Provenance>,
     pub(crate) files: u64,
     pub(crate) differences: Vec<FileDifference>,
-    /// Why it could not be compared.
+    /// Reason why the scene could not be compared.
     pub(crate) reason: Option<String>,
 }
 
@@ -111,7 +111,7 @@ fn draw<'a>(
 }
 
 /// Traces a scene again and compares all of its files in the store: its tuple's files and its partials. Calls
-/// `on_shard` after each shard. Returns `None` if it was stopped.
+/// `on_shard` after each shard. Returns `None` if `options.stop` ended the audit.
 pub(crate) fn audit_scene(
     run: &Run,
     store: &Store,
@@ -133,19 +133,21 @@ pub(crate) fn audit_scene(
     there.extend(partials.into_iter().filter(|key| keys::shard_of(key).is_some()));
     there.sort();
     if there.is_empty() {
-        return Ok(Some(audit.not_compared("the run has no files of it yet".to_owned())));
+        return Ok(Some(audit.not_compared("the run has no files of the scene yet".to_owned())));
     }
     let open = |path: &Path| run.inputs.read(path);
     let files = read_files_by(line, &run.roots, run.root(), &open);
     let loaded = match files.and_then(|files| load(line, &files)) {
         Ok(loaded) => loaded,
         Err(error) => {
-            return Ok(Some(audit.not_compared(format!("this machine cannot load it: {error}"))));
+            return Ok(Some(
+                audit.not_compared(format!("this machine cannot load the scene: {error}")),
+            ));
         }
     };
     if let Some(files) = other_inputs(store, line, &loaded.inputs)? {
         return Ok(Some(audit.not_compared(format!(
-            "this machine's input files differ from the tuple's ({files}): one of the two is damaged or another version"
+            "this machine's input files differ from the tuple's ({files}): some are damaged or of another version"
         ))));
     }
     let job = SceneJob::new(line, run.layout(line), loaded);
@@ -157,7 +159,7 @@ pub(crate) fn audit_scene(
     let made = Made::new(run, line, &partials)?;
     for (key, stored) in there.iter().zip(store.get_all(&there)?) {
         let (Some(made), Some(stored)) = (made.file(key)?, stored) else {
-            // An unknown file, or one that was removed meanwhile.
+            // The file is unknown, or was removed meanwhile.
             continue;
         };
         audit.files += 1;
@@ -187,7 +189,7 @@ fn other_inputs(
     Ok((!names.is_empty()).then(|| names.join(", ")))
 }
 
-/// The scene as traced now, encoded file by file.
+/// A scene that was traced again; encodes its files on demand.
 struct Made<'p> {
     partials: &'p [Partial],
     tuple: Tuple,
@@ -202,7 +204,7 @@ impl<'p> Made<'p> {
         Ok(Self { partials, tuple, encoder: SrgbEncoder::new(), line })
     }
 
-    /// The bytes that belong under `key`; `None` if the scene has no such file.
+    /// Encodes the file under `key`; returns `None` if the scene has no such file.
     fn file(&self, key: &str) -> Result<Option<Vec<u8>>, AccessError> {
         let cannot =
             |e: &dyn std::fmt::Display| AccessError::Tuple(format!("cannot encode {key}: {e}"));
@@ -226,7 +228,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scenes_are_drawn_by_seed_and_id_alone() {
+    fn the_choice_of_scenes_depends_only_on_seed_and_ids() {
         let ids: Vec<SceneId> =
             (0..200).map(|n| SceneId::new(format!("train-{n}")).unwrap()).collect();
         let of = |share, seed| draw(ids.iter().enumerate(), share, seed);

@@ -1,5 +1,5 @@
-//! The differences between two files of a tuple or two partials: bits first, then pixels or fields, for the user to
-//! judge.
+//! Compares two files of a tuple, or two partials: first their bytes, then their pixels or fields, so that the user can
+//! judge the difference.
 
 use render::formats::decode_exr_channels;
 use serde::Serialize;
@@ -11,19 +11,19 @@ use std::collections::BTreeSet;
 pub(crate) struct FileDifference {
     /// Key of the file in the store.
     pub(crate) file: String,
-    /// For an image: pixels that differ.
+    /// Number of differing pixels, for an image.
     pub(crate) pixels: Option<u64>,
-    /// For an image: all pixels.
+    /// Number of all pixels, for an image.
     pub(crate) of_pixels: Option<u64>,
-    /// For an image: the largest difference of a channel; linear radiance in an EXR, 8-bit steps in a PNG.
+    /// Largest difference of a channel, for an image: linear radiance in an EXR, 8-bit steps in a PNG.
     pub(crate) largest: Option<f64>,
     /// Position of the largest difference, `[x, y]`, px.
     pub(crate) at: Option<[u32; 2]>,
-    /// Explanation in words, if there are no numbers.
+    /// Description of a difference without numbers.
     pub(crate) note: String,
 }
 
-/// A decoded image, channels interleaved.
+/// A decoded image with interleaved channels.
 struct Pixels {
     width: usize,
     height: usize,
@@ -31,10 +31,10 @@ struct Pixels {
     values: Vec<f32>,
 }
 
-/// Fields of a JSON file to name.
+/// Largest number of JSON fields to name.
 const FIELDS_NAMED: usize = 8;
 
-/// Compares the bytes `stored` under `file` with the bytes `made` now; `None` if they are equal.
+/// Compares the bytes `stored` under `file` with the bytes `made` now; returns `None` if they are equal.
 pub(crate) fn compare(file: &str, made: &[u8], stored: &[u8]) -> Option<FileDifference> {
     if made == stored {
         return None;
@@ -124,12 +124,12 @@ fn decode_exr(bytes: &[u8]) -> Result<Pixels, String> {
     Ok(Pixels { width: channels.width, height: channels.height, channels: count, values })
 }
 
-/// Names the fields of two JSON texts that differ.
+/// Names the differing fields of two JSON texts.
 fn fields(made: &[u8], stored: &[u8]) -> String {
     let (Ok(made), Ok(stored)) =
         (serde_json::from_slice::<Value>(made), serde_json::from_slice::<Value>(stored))
     else {
-        return "it is no JSON".to_owned();
+        return "it is not JSON".to_owned();
     };
     let mut found = Vec::new();
     walk("", &made, &stored, &mut found);

@@ -1,5 +1,5 @@
-//! Pausing, resuming and cancelling a run by one small object in its store, which workers and coordinators poll.
-//! Neither a queue nor a coordinator is needed.
+//! Pauses, resumes and cancels a run through a small object in its store, which workers and coordinators poll. This
+//! needs neither a queue nor a coordinator.
 //!
 //! *Paused*: workers finish the scenes that they have opened, keep the leases of their other tasks, and take no new
 //! ones; coordinators publish nothing. *Cancelled*: workers finish the shards in flight and end without requeueing
@@ -19,16 +19,16 @@ pub(crate) const CONTROL_SCHEMA: &str = "glasshouse.control/1";
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlState {
-    /// Go on; the default without an object.
+    /// Workers trace; the default without an object.
     #[default]
     Running,
-    /// Take no new tasks.
+    /// Workers take no new tasks.
     Paused,
     Cancelled,
 }
 
 impl ControlState {
-    /// Its name in JSON.
+    /// Returns the state's name in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Running => "running",
@@ -45,7 +45,7 @@ pub struct Control {
     pub reason: Option<String>,
 }
 
-/// `control.json`
+/// JSON form of [`Control`].
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Record {
@@ -62,7 +62,7 @@ impl Control {
         Ok(bytes.map_or_else(Self::default, |bytes| Self::parse(&bytes)))
     }
 
-    /// A damaged record pauses the run, because its writer meant to stop it.
+    /// Parses the object. A damaged object pauses the run, because its writer meant to stop it.
     fn parse(bytes: &[u8]) -> Self {
         Self::read(bytes).unwrap_or_else(|error| Self {
             state: ControlState::Paused,
@@ -73,7 +73,7 @@ impl Control {
         })
     }
 
-    /// Reads the object's bytes.
+    /// Parses the object's bytes; fails if they are damaged.
     pub fn read(bytes: &[u8]) -> Result<Self, String> {
         match serde_json::from_slice::<Record>(bytes) {
             Ok(record) if record.schema == CONTROL_SCHEMA => {
@@ -84,7 +84,7 @@ impl Control {
         }
     }
 
-    /// ` (reason)`, or an empty string.
+    /// Returns ` (reason)`, or an empty string.
     pub fn because(&self) -> String {
         let reason = self.reason.as_ref();
         reason.map_or_else(String::new, |reason| format!(" ({reason})"))
@@ -97,15 +97,15 @@ pub(crate) enum ControlError {
     /// The store cannot be used.
     #[error(transparent)]
     Store(#[from] StoreError),
-    #[error("every scene of the run is done or in quarantine: there is nothing to pause or cancel")]
+    #[error("every scene of the run is done or in quarantine: nothing is left to pause or cancel")]
     Finished,
-    /// A pause would weaken a cancel.
+    /// A pause must not replace a cancel.
     #[error("the run is cancelled; `glasshouse resume RUN` undoes the cancel")]
     Cancelled,
 }
 
-/// Pauses, cancels or resumes a run; with `dry_run` only checks that it can. Returns the state before. Repeating the
-/// present state is no error.
+/// Pauses, cancels or resumes a run; with `dry_run`, only checks that it can. Returns the earlier state. Setting the
+/// same state again is not an error.
 pub(crate) fn set_control(
     store: &Store,
     state: ControlState,
@@ -133,7 +133,7 @@ pub(crate) fn set_control(
     Ok(before)
 }
 
-/// Polls `control.json`.
+/// Polling state of `control.json`.
 #[derive(Debug, Default)]
 pub(crate) struct ControlPoll {
     polled: Option<Instant>,
@@ -141,7 +141,7 @@ pub(crate) struct ControlPoll {
 }
 
 impl ControlPoll {
-    /// The last known control; reads it again when it is due. A store that does not answer changes nothing.
+    /// Returns the last known control, and reads it again when a poll is due. Ignores a store that does not answer.
     pub(crate) fn poll(&mut self, store: &Store) -> &Control {
         let every = store.poll_interval();
         if self.polled.is_none_or(|at| at.elapsed() >= every) {
@@ -154,7 +154,7 @@ impl ControlPoll {
     }
 }
 
-/// The control's state, for a worker's threads.
+/// The control's state, shared by a worker's threads.
 #[derive(Debug, Default)]
 pub(crate) struct ControlFlag(AtomicU8);
 
@@ -167,12 +167,12 @@ impl ControlFlag {
         self.0.load(Ordering::Relaxed) == state as u8
     }
 
-    /// No further task may be taken, no further scene opened.
+    /// True if the worker may neither take a task nor open a scene.
     pub(crate) fn is_paused(&self) -> bool {
         self.is(ControlState::Paused)
     }
 
-    /// No further shard may start.
+    /// True if no further shard may start.
     pub(crate) fn is_cancelled(&self) -> bool {
         self.is(ControlState::Cancelled)
     }
@@ -197,7 +197,7 @@ mod tests {
         let control = Control::get(&store).unwrap();
         assert_eq!(control.state, Paused);
         assert_eq!(control.because(), " (backup)");
-        // Nothing is written in a dry run.
+        // A dry run writes nothing.
         assert_eq!(set_control(&store, Running, None, true).unwrap(), Paused);
         assert_eq!(Control::get(&store).unwrap(), control);
         set_control(&store, Cancelled, None, false).unwrap();

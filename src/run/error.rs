@@ -10,7 +10,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The folder holds no run.
-    #[error("{} is no run: it has no {missing}; make one with `glasshouse plan RECIPE --out {}`", root.display(), root.display())]
+    #[error("{} is not the folder of a run: {missing} is missing; `glasshouse plan RECIPE --out {}` plans a run", root.display(), root.display())]
     Missing { root: PathBuf, missing: &'static str },
     /// A file cannot be read.
     #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
@@ -22,7 +22,7 @@ pub enum RunError {
     #[error("{}: {source}", path.display())]
     Manifest { path: PathBuf, source: ManifestError },
     /// Another version planned the run, or its files do not match each other.
-    #[error("{} disagrees with this program: {reason}; finish it with the version that planned it, or plan again into a new folder", root.display())]
+    #[error("{} disagrees with this program: {reason}; finish the run with the version that planned it, or plan again into a new folder", root.display())]
     Disagrees { root: PathBuf, reason: String },
     /// A root of the spec is unusable.
     #[error(transparent)]
@@ -32,7 +32,7 @@ pub enum RunError {
     Busy { root: PathBuf },
 }
 
-/// A run's files cannot be read or written, or this machine may not work on it.
+/// A failed access to a run: a file or the store cannot be used, or this machine may not work on the run.
 #[derive(Debug, thiserror::Error)]
 pub enum AccessError {
     /// A file of the run cannot be written.

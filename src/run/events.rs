@@ -3,61 +3,61 @@
 use super::control::ControlState;
 use render::ids::SceneId;
 
-/// An event; reported from worker threads.
+/// An event, reported by worker threads.
 #[derive(Clone, Debug)]
 pub enum Event {
     Started {
-        /// Shards of all scenes without a tuple.
+        /// Number of shards of all scenes without a tuple.
         shards: u64,
-        /// Scenes without a tuple.
+        /// Number of scenes without a tuple.
         scenes: u64,
     },
-    /// A scene is loaded; its shards will be traced.
+    /// A scene is loaded; its shards are traced next.
     SceneOpened { scene: SceneId },
     ShardDone {
-        /// An intact partial was found, so it was not traced again.
+        /// True if the shard had an intact partial and was not traced again.
         resumed: bool,
     },
-    /// A partial on disk is damaged or of another plan.
+    /// A partial is damaged or belongs to another plan.
     PartialRejected {
-        /// The damage, and what happens next.
+        /// Damage of the partial and its consequence.
         reason: String,
     },
     /// A tuple is durable.
     SceneMerged {
         scene: SceneId,
-        /// The largest share, among its layers, of paths that ended beyond a photograph's border.
+        /// Largest share of a layer's paths that end beyond a photograph's border.
         miss_share: f64,
     },
-    /// The queue cannot be reached; leased tasks continue.
+    /// The queue cannot be reached; work on leased tasks continues.
     QueueLost { reason: String },
-    /// The store cannot be reached; the call is repeated.
+    /// The store cannot be reached; the worker repeats the call.
     StoreLost { reason: String },
-    /// A scene that was lost with an earlier process is traced in a child process.
+    /// A child process traces a scene that an earlier process was lost with.
     Sandboxed { scene: SceneId },
-    /// That child process was lost, too.
+    /// The child process of such a scene was lost, too.
     ChildLost { scene: SceneId, reason: String },
-    /// This process aborts, as `--fault` asked.
+    /// This process aborts because of `--fault`.
     Aborts {
-        /// The scene at which it aborts.
+        /// Scene of the fault.
         scene: SceneId,
     },
     /// Too many scenes failed on this worker, so it ends.
     Drained {
-        /// Which scenes, and what to do.
+        /// The failed scenes and a remedy.
         reason: String,
     },
     /// The run was paused, cancelled or resumed.
     Controlled {
         state: ControlState,
-        /// Why, if the user gave a reason.
+        /// The user's reason, if any.
         reason: Option<String>,
     },
     /// A scene was put into quarantine.
     SceneQuarantined {
         scene: SceneId,
         reason: String,
-        /// Its shards, which are not traced.
+        /// Number of its shards, which are not traced.
         shards: u64,
     },
 }

@@ -1,4 +1,4 @@
-//! `explain`: the state of one scene or shard in a run's store, and what happens next.
+//! `explain`: describes the state of a scene or shard in a run's store, and the next steps.
 
 use super::attempts::{MOST_LOST, attempts_with_times};
 use super::control::{Control, ControlState};
@@ -18,7 +18,6 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::SystemTime;
 
-/// Explanation of a scene.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Explanation {
     pub(crate) scene: SceneId,
@@ -27,36 +26,35 @@ pub(crate) struct Explanation {
     pub(crate) state: SceneState,
     pub(crate) line: SceneLine,
     pub(crate) shards: u32,
-    /// Side of its tiles, px.
+    /// Side of a tile, px.
     pub(crate) tile_px: u32,
-    /// Sample ranges of each tile.
+    /// Number of sample ranges per tile.
     pub(crate) ranges: u32,
     /// Shards with partials, as half-open ranges.
     pub(crate) there: Vec<[u32; 2]>,
     /// The other shards, as half-open ranges.
     pub(crate) missing: Vec<[u32; 2]>,
-    /// The shard that the caller asked for.
+    /// The requested shard, if any.
     pub(crate) shard: Option<ShardFacts>,
-    /// Running and lost attempts at it.
+    /// Running and lost attempts at the scene.
     pub(crate) attempts: Vec<StandingAttempt>,
     pub(crate) quarantine: Option<serde_json::Value>,
-    /// Workers that made its tuple, in a farm.
+    /// Workers that made the tuple, if a farm made it.
     pub(crate) receipt: Option<Provenance>,
-    /// Whether the run is paused or cancelled.
+    /// State of the run: running, paused or cancelled.
     pub(crate) run: ControlState,
-    /// What happens next, and what the user can do.
+    /// Sentences about the next steps of the workers and the user.
     pub(crate) next: Vec<String>,
 }
 
-/// Explanation of a shard.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct ShardFacts {
-    /// Its number in the scene.
+    /// Index of the shard in the scene.
     pub(crate) index: u32,
     pub(crate) tile: Tile,
-    /// Samples of each pixel, half open.
+    /// Range of sample indices of each pixel, half open.
     pub(crate) samples: [u32; 2],
-    /// Where its result is, or why it cannot be used.
+    /// Location of the shard's result, or the reason why the result is unusable.
     pub(crate) result: String,
 }
 
@@ -66,7 +64,7 @@ pub(crate) enum ExplainError {
     /// The store cannot be used.
     #[error(transparent)]
     Access(#[from] AccessError),
-    /// No such scene, or no such shard.
+    /// The run has no such scene, or the scene has no such shard.
     #[error("{0}")]
     Unknown(String),
 }
@@ -86,7 +84,7 @@ pub(crate) fn explain(
 ) -> Result<Explanation, ExplainError> {
     let place = run.lines.iter().position(|line| line.id == *scene);
     let index = place.ok_or_else(|| {
-        let text = format!("{scene} is no scene of this run; {} names them all", keys::MANIFEST);
+        let text = format!("{scene} is not a scene of this run; {} lists them", keys::MANIFEST);
         ExplainError::Unknown(text)
     })?;
     let line = &run.lines[index];
@@ -151,14 +149,14 @@ pub(crate) fn explain(
         next: Vec::new(),
     };
     if state == SceneState::Done {
-        // Its partials are in the tuple.
+        // The tuple contains the results of all shards.
         (explanation.there, explanation.missing) = (vec![[0, layout.len()]], Vec::new());
     }
     explanation.next = next(&explanation, &control);
     Ok(explanation)
 }
 
-/// Says where a shard's result is; reads and checks its partial.
+/// Describes the location of a shard's result; reads and checks its partial.
 fn result_of(
     store: &Store,
     scene: &SceneId,
@@ -174,18 +172,18 @@ fn result_of(
         let holds = |a: &&StandingAttempt| (a.note.shards[0]..a.note.shards[1]).contains(&shard);
         let holder = attempts.iter().rfind(|a| holds(a) && a.note.ended.is_none());
         return Ok(match holder {
-            Some(a) => format!("not there; held by {}, or lost with it", a.note.worker),
-            None => "not there".to_owned(),
+            Some(a) => format!("missing; {} holds the shard, or was lost with it", a.note.worker),
+            None => "missing".to_owned(),
         });
     };
     let path = PathBuf::from(store.name()).join(&key);
     Ok(match partial::decode(&path, &bytes) {
         Ok(_) => format!("{key}, {} bytes, intact", bytes.len()),
-        Err(error) => format!("unusable, it will be traced again: {error}"),
+        Err(error) => format!("unusable, so the shard will be traced again: {error}"),
     })
 }
 
-/// Ascending numbers as half-open ranges.
+/// Groups ascending numbers into half-open ranges.
 fn rows(numbers: impl Iterator<Item = u32>) -> Vec<[u32; 2]> {
     let mut rows: Vec<[u32; 2]> = Vec::new();
     for number in numbers {
@@ -205,42 +203,42 @@ fn next(known: &Explanation, control: &Control) -> Vec<String> {
         SceneState::Done => {
             next.push("Nothing is left to do.".to_owned());
             next.push(format!(
-                "`glasshouse audit RUN --scene {scene}` traces it again and compares every file."
+                "`glasshouse audit RUN --scene {scene}` traces the scene again and compares every file."
             ));
             return next;
         }
         SceneState::Quarantined => {
-            next.push("It is left out; the run ends without it, with exit code 3.".to_owned());
+            next.push("The scene is left out; the run ends without it, with exit code 3.".to_owned());
             next.push(format!(
-                "Repair the cause that the reason names, then `glasshouse retry RUN {scene}`, and start `work` (in a farm \
-                 also `coordinate`) if they have ended."
+                "Repair the cause that the reason names, run `glasshouse retry RUN {scene}`, and start `work` (in a farm \
+                 also `coordinate`) again if it has ended."
             ));
             return next;
         }
         SceneState::Complete => next.push(
-            "All shards are there: the next worker that opens it writes the tuple, or, in a folder, `glasshouse merge RUN`."
+            "All shards are traced: the next worker that opens the scene writes the tuple, or `glasshouse merge RUN` does."
                 .to_owned(),
         ),
         SceneState::Begun if known.attempts.iter().any(|a| a.note.ended.is_none()) => next.push(format!(
-            "{left} shards are left. If the worker that holds them is alive, it continues; else the queue delivers them again \
-             after a lease, and a child process traces them. After {MOST_LOST} losses without a new partial the scene goes \
-             into quarantine."
+            "{left} shards are missing. If the worker that holds them is alive, it continues; otherwise the queue delivers them \
+             again after a lease, and a child process traces them. After {MOST_LOST} losses without a new partial, the scene \
+             goes into quarantine."
         )),
         SceneState::Begun | SceneState::Waiting => next.push(format!(
-            "The next worker that takes it traces the {left} missing shards."
+            "The next worker that takes the scene traces the {left} missing shards."
         )),
     }
     match control.state {
         ControlState::Running => next.push(
-            "If no worker is running: `glasshouse work RUN`; in a farm, `glasshouse coordinate` publishes the missing shards."
+            "If no worker is running, start `glasshouse work RUN`; in a farm, `glasshouse coordinate` publishes the missing shards."
                 .to_owned(),
         ),
         ControlState::Paused => next.push(format!(
-            "The run is paused{}: no worker takes it before `glasshouse resume RUN`.",
+            "The run is paused{}: no worker takes the scene before `glasshouse resume RUN`.",
             control.because()
         )),
         ControlState::Cancelled => next.push(format!(
-            "The run is cancelled{}: no worker takes it before `glasshouse resume RUN` and `glasshouse work RUN`.",
+            "The run is cancelled{}: no worker takes the scene before `glasshouse resume RUN` and `glasshouse work RUN`.",
             control.because()
         )),
     }

@@ -4,19 +4,19 @@ use render::ids::SceneId;
 use render::line::SceneLine;
 use render::merge::tuple_files;
 
-/// The run's spec; written last by planning, never changed.
+/// The run's spec. Planning writes it last, and it never changes.
 pub const SPEC: &str = "spec.json";
 /// All scenes, one per line.
 pub const MANIFEST: &str = "manifest.jsonl";
 /// Scenes that planning drew, previewed and rejected.
 pub(crate) const REJECTED: &str = "rejected.jsonl";
-/// Locked by the process that works on the run's folder.
+/// File that the process that works on the run's folder locks.
 pub(crate) const LOCK: &str = "work.lock";
-/// Written by the coordinator when every scene is done or in quarantine.
+/// Record that the coordinator writes when every scene is done or in quarantine.
 pub const FINISHED: &str = "finished.json";
 /// Folder of procedural photographs, if planning made any.
 pub const INPUTS: &str = "inputs";
-/// Pauses or cancels the run.
+/// Record that pauses or cancels the run.
 pub const CONTROL: &str = "control.json";
 /// Folder of all tuples.
 pub const TUPLES: &str = "tuples";
@@ -36,10 +36,10 @@ pub const CONFLICTS: &str = "conflicts";
 pub const RECEIPTS: &str = "receipts";
 pub(crate) const REPORT: &str = "report/index.html";
 
-/// The last file of a tuple.
+/// Record of a tuple, its last file.
 const RECORD: &str = "tuple.json";
 
-/// The scene of a key in one of the folders: `partials/<scene>/000001.exr`, `receipts/<scene>.json`.
+/// Returns the scene of a key such as `partials/<scene>/000001.exr` or `receipts/<scene>.json`.
 pub(crate) fn scene_of(key: &str) -> Option<&str> {
     let (_, rest) = key.split_once('/')?;
     match rest.split_once('/') {
@@ -48,7 +48,7 @@ pub(crate) fn scene_of(key: &str) -> Option<&str> {
     }
 }
 
-/// Folder of a scene's partials.
+/// Returns the folder of a scene's partials.
 pub fn partials(scene: &SceneId) -> String {
     format!("{PARTIALS}/{scene}")
 }
@@ -57,70 +57,70 @@ pub fn partial(scene: &SceneId, shard: u32) -> String {
     format!("{PARTIALS}/{scene}/{shard:06}.exr")
 }
 
-/// The shard of a [`partial`]'s key.
+/// Returns the shard of a [`partial`]'s key.
 pub fn shard_of(key: &str) -> Option<u32> {
     key.rsplit('/').next()?.strip_suffix(".exr")?.parse().ok()
 }
 
-/// Provenance of a scene's partials from `start` to `end`.
+/// Returns the key of the provenance of a scene's partials from `start` to `end`.
 pub fn made_by(scene: &SceneId, [start, end]: [u32; 2]) -> String {
     format!("{PARTIALS}/{scene}/{start}-{end}.json")
 }
 
-/// The result of `worker` for `key`, if the store held another result.
+/// Returns the key of the result of `worker` for `key`, for the case that the store holds another result.
 pub fn conflict(worker: &str, key: &str) -> String {
     format!("{CONFLICTS}/{worker}/{key}")
 }
 
-/// Folder of a scene's tuple.
+/// Returns the folder of a scene's tuple.
 pub(crate) fn tuple_folder(scene: &SceneId) -> String {
     format!("{TUPLES}/{scene}")
 }
 
-/// A file of a scene's tuple.
+/// Returns the key of a file of a scene's tuple.
 pub fn tuple(scene: &SceneId, file: &str) -> String {
     format!("{TUPLES}/{scene}/{file}")
 }
 
-/// All files of a scene's tuple, its record last.
+/// Returns the keys of all files of a scene's tuple, its record last.
 pub(crate) fn tuple_keys(line: &SceneLine) -> impl Iterator<Item = String> {
     let files = tuple_files(line).into_iter();
     files.map(|file| tuple(&line.id, &file))
 }
 
-/// `tuple.json` of a scene, written after the tuple's other files.
+/// Returns the key of a scene's `tuple.json`, which is written after the tuple's other files.
 pub(crate) fn tuple_record(scene: &SceneId) -> String {
     tuple(scene, RECORD)
 }
 
-/// The map of a scene's noise, beside its tuple.
+/// Returns the key of a scene's noise map.
 pub fn noise(scene: &SceneId) -> String {
     format!("{NOISE}/{scene}.exr")
 }
 
-/// A scene's reason for quarantine.
+/// Returns the key of a scene's quarantine record.
 pub fn quarantine(scene: &SceneId) -> String {
     format!("{QUARANTINE}/{scene}.json")
 }
 
-/// Folder of the attempts at a scene.
+/// Returns the folder of the attempts at a scene.
 pub fn attempts(scene: &SceneId) -> String {
     format!("{ATTEMPTS}/{scene}")
 }
 
-/// Attempt `n` at a scene's shards from `start` to `end`.
+/// Returns the key of attempt `n` at a scene's shards from `start` to `end`.
 pub fn attempt(scene: &SceneId, [start, end]: [u32; 2], n: u32) -> String {
     format!("{ATTEMPTS}/{scene}/{start}-{end}.{n}.json")
 }
 
-/// The shards and the number of an [`attempt`]'s key.
+/// Returns the shards and the number of an [`attempt`]'s key.
 pub fn attempt_of(key: &str) -> Option<([u32; 2], u32)> {
     let (shards, n) = key.rsplit('/').next()?.strip_suffix(".json")?.split_once('.')?;
     let (start, end) = shards.split_once('-')?;
     Some(([start.parse().ok()?, end.parse().ok()?], n.parse().ok()?))
 }
 
-/// Provenance of a scene's tuple, when a farm made it.
+/// Returns the key of the provenance of a scene's tuple, which exists if a farm made the tuple.
 pub fn receipt(scene: &SceneId) -> String {
     format!("{RECEIPTS}/{scene}.json")
 }

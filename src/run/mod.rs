@@ -1,4 +1,4 @@
-//! A run's folder or bucket: its objects by key, the records in them, and the progress that they show.
+//! A run's folder or bucket: the keys of its objects, the records in them, and the run's progress.
 //!
 //! The store is the only state. Starting, resuming and recovering are the same operation: list the results, make the
 //! missing ones. Modules import only modules above them.
@@ -62,7 +62,7 @@ pub use task::Task;
 pub use work_log::Stop;
 pub(crate) use work_log::{LogTime, SceneSeconds, WORK_LOG_SCHEMA, WorkLog, read_logs};
 
-/// A record as one line of JSON.
+/// Serializes a record as one line of JSON.
 fn json_line(record: &impl serde::Serialize) -> Vec<u8> {
     let mut json = serde_json::to_vec(record).expect("strings and numbers are JSON");
     json.push(b'\n');

@@ -1,4 +1,4 @@
-//! Opening a run.
+//! Opens a run.
 
 use super::error::RunError;
 use super::keys;
@@ -15,7 +15,7 @@ pub struct Run {
     root: PathBuf,
     pub spec: Spec,
     pub lines: Vec<SceneLine>,
-    /// Roots of its input files: the spec's, overridden by the user's.
+    /// Roots of the input files: the spec's, overridden by the user's.
     pub roots: Roots,
     /// Reader of the scenes' files.
     pub inputs: Inputs,
@@ -30,7 +30,7 @@ impl Run {
         let manifest = match read(root, keys::MANIFEST) {
             // Planning writes the spec last: a spec without its manifest is a damaged run.
             Err(RunError::Missing { .. }) => {
-                return Err(damaged("its manifest.jsonl is gone".to_owned()));
+                return Err(damaged("its manifest.jsonl is missing".to_owned()));
             }
             other => other?,
         };
@@ -67,19 +67,19 @@ impl Run {
         &self.root
     }
 
-    /// The file or folder of a key, where the run's objects are in its folder.
+    /// Returns the path of a key in the run's folder.
     pub fn path(&self, key: &str) -> PathBuf {
         self.root.join(key)
     }
 
-    /// Identifies the run: the first bytes of its spec's digest.
+    /// Returns the run's identity: the first bytes of its spec's digest.
     pub fn id(&self) -> [u8; 8] {
         let spec = serde_json::to_vec(&self.spec).expect("a spec is JSON");
         let digest = blake3::hash(&spec);
         digest.as_bytes()[..8].try_into().expect("a digest has 32 bytes")
     }
 
-    /// How a scene is divided into shards.
+    /// Returns the division of a scene into shards.
     pub fn layout(&self, line: &SceneLine) -> ShardLayout {
         ShardLayout::of(line, self.spec.tile_px)
     }

@@ -16,16 +16,16 @@ use render::trace::{Isa, TRACER_VERSION};
 use std::path::Path;
 
 pub(crate) struct PlanOptions<'a> {
-    /// `--root NAME=DIR`.
+    /// Roots from `--root NAME=DIR`.
     pub(crate) roots: &'a Roots,
-    /// Reads inputs and lists roots that are in an object store.
+    /// Reader of input files, which also lists roots in object stores.
     pub(crate) inputs: &'a dyn InputFiles,
     /// Side of a tile, px; `None` lets the planner choose.
     pub(crate) tile_px: Option<u32>,
     pub(crate) dry_run: bool,
-    /// Leave out photographs with unusable files (for a manifest: scenes).
+    /// True if planning leaves out photographs with unusable files (for a `.jsonl`, scenes).
     pub(crate) skip_invalid: bool,
-    /// Threads that check input files and make procedural photographs.
+    /// Number of threads that check input files and make procedural photographs.
     pub(crate) threads: usize,
 }
 
@@ -39,12 +39,12 @@ pub(crate) struct Planned {
 }
 
 impl Planned {
-    /// Estimated size of the procedural photographs in the run's folder, bytes.
+    /// Estimates the size of the procedural photographs in the run's folder, bytes.
     pub(crate) fn made_bytes(&self) -> u64 {
         self.drafted.to_make.iter().map(ProceduralPhotograph::estimated_bytes).sum()
     }
 
-    /// A table of the unusable input files and their treatment; `None` if all files are usable.
+    /// Formats a table of the unusable input files and their treatment; returns `None` if all files are usable.
     pub(crate) fn invalid_text(&self) -> Option<String> {
         let Drafted { invalid, files, left_out_kind: parts, .. } = &self.drafted;
         if invalid.is_empty() {
@@ -54,7 +54,7 @@ impl Planned {
         let count = self.spec.left_out.len();
         let done = match *parts {
             _ if self.existed => {
-                "the run is planned and does not change: scenes that cannot be made go into quarantine".to_owned()
+                "the run is already planned and does not change: scenes that cannot be made go into quarantine".to_owned()
             }
             _ if count == 0 => {
                 "scenes that need them go into quarantine with these reasons; --skip-invalid leaves them out".to_owned()

@@ -1,6 +1,6 @@
-//! The workers that made results, to find the wrong one when two results differ: for a tuple in
-//! `receipts/<scene>.json`, for partials in a record beside them, which is removed with them. Both records are only
-//! displayed; no decision uses them.
+//! Provenance of results: the workers that made them, to find the faulty machine when two results differ. The record
+//! of a tuple is `receipts/<scene>.json`; the record of partials is in their folder and is removed with them. Commands
+//! only display the contents; the coordinator also lists the receipts to find new tuples.
 
 use super::attempts::{WorkerName, attempts};
 use super::json_line;
@@ -14,11 +14,11 @@ use std::collections::BTreeSet;
 pub(crate) const RECEIPT_SCHEMA: &str = "glasshouse.receipt/1";
 pub(crate) const MADE_BY_SCHEMA: &str = "glasshouse.made_by/1";
 
-/// `receipts/<scene>.json`: the worker of a tuple. Fields that another version does not write are empty, and so are all
-/// fields of a damaged record.
+/// `receipts/<scene>.json`: the workers of a tuple. Fields that another version does not write are empty, and so are
+/// all fields of a damaged record.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// `glasshouse.receipt/1`.
+    /// Schema of the record, `glasshouse.receipt/1`.
     #[serde(default)]
     pub schema: String,
     #[serde(default)]
@@ -31,13 +31,13 @@ pub struct Provenance {
     /// Version of the worker's program.
     #[serde(default)]
     pub version: Option<String>,
-    /// Other workers that are known to have made partials of it.
+    /// Other workers that made partials of the tuple, as far as known.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub with: BTreeSet<String>,
 }
 
 impl Provenance {
-    /// For a tuple that `worker` made, alone or with others; the partials must still be in the store.
+    /// Makes the record of a tuple from `worker`, alone or with others. The partials must still be in the store.
     pub(crate) fn new(store: &Store, scene: &SceneId, worker: &WorkerName, alone: bool) -> Self {
         Self {
             schema: RECEIPT_SCHEMA.to_owned(),
@@ -70,12 +70,12 @@ impl Provenance {
         serde_json::from_slice(bytes).unwrap_or_default()
     }
 
-    /// All workers that took part.
+    /// Returns all workers that made parts of the tuple.
     pub fn workers(&self) -> impl Iterator<Item = &String> {
         self.worker.iter().chain(&self.with)
     }
 
-    /// The same as text.
+    /// Formats the names of these workers.
     pub fn makers(&self) -> String {
         let worker = self.worker.clone().unwrap_or_else(|| "unknown".to_owned());
         let with: Vec<&str> = self.with.iter().map(String::as_str).collect();
@@ -83,7 +83,7 @@ impl Provenance {
     }
 }
 
-/// `partials/<scene>/<start>-<end>.json`: the worker that left some partials of these shards in the store.
+/// `partials/<scene>/<start>-<end>.json`: a worker that put some partials of these shards.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct PartialsProvenance {
     pub(crate) schema: String,
@@ -94,7 +94,7 @@ pub(crate) struct PartialsProvenance {
 }
 
 impl PartialsProvenance {
-    /// Puts the record. A failure is ignored, because only [`other_workers`] reads it.
+    /// Puts the record. Ignores a failure, because only [`other_workers`] reads the record.
     pub(crate) fn put(store: &Store, scene: &SceneId, task: &Task, worker: &WorkerName) {
         let shards = [task.shards.start, task.shards.end];
         let record = Self {
@@ -116,7 +116,7 @@ impl PartialsProvenance {
     }
 }
 
-/// Workers other than `me` that may have put a shard's partial, or (without a shard) a scene's tuple.
+/// Returns the workers other than `me` that may have put a shard's partial, or (without a shard) a scene's tuple.
 pub(crate) fn other_workers(
     store: &Store,
     scene: &SceneId,
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn other_workers_of_a_shard_and_of_a_tuple() {
+    fn other_workers_are_those_of_the_shard_or_of_the_tuple() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::local(folder.path()).unwrap();
         let scene = SceneId::new("s").unwrap();

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Schema of a [`QuarantineRecord`].
 pub const QUARANTINE_SCHEMA: &str = "glasshouse.quarantine/1";
 
-/// `quarantine/<scene>.json`
+/// Content of `quarantine/<scene>.json`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct QuarantineRecord {
@@ -40,12 +40,12 @@ impl QuarantineRecord {
         Ok(bytes.map(|bytes| Self::parse(scene, &bytes)))
     }
 
-    /// A damaged record keeps its scene in quarantine, and is the reason.
+    /// Parses a record. A damaged record keeps its scene in quarantine, with its damage as the reason.
     fn parse(scene: &SceneId, bytes: &[u8]) -> Self {
         serde_json::from_slice(bytes).unwrap_or_else(|e| Self {
             schema: QUARANTINE_SCHEMA.to_owned(),
             scene: scene.clone(),
-            reason: format!("its quarantine record is damaged ({e}); delete it to try again"),
+            reason: format!("the quarantine record is damaged ({e}); delete it to try again"),
         })
     }
 }

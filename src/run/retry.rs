@@ -5,30 +5,30 @@ use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use std::collections::BTreeSet;
 
-/// Which scenes to try again.
+/// Scenes to try again.
 #[derive(Clone, Copy, Debug)]
 pub enum RetryScenes<'a> {
     /// All scenes in quarantine.
     All,
-    /// These; each must be in quarantine.
+    /// These scenes, which must be in quarantine.
     These(&'a [SceneId]),
-    /// These, in any state; all their results are removed.
+    /// These scenes, in any state; `retry` removes all their results.
     Anew(&'a [SceneId]),
 }
 
 /// Result of [`retry`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Retried {
-    /// Scenes to be tried again, in the manifest's order.
+    /// Scenes to try again, in the manifest's order.
     #[serde(rename = "retried")]
     pub scenes: Vec<SceneId>,
-    /// Records of attempts that were removed.
+    /// Number of removed records of attempts.
     #[serde(rename = "attempts_removed")]
     pub attempts: u64,
-    /// Files of tuples, partials and provenance that were removed.
+    /// Number of removed files of tuples, partials and provenance.
     #[serde(rename = "results_removed")]
     pub results: u64,
-    /// The run was finished, so its coordinator and workers have ended.
+    /// True if the run was finished, so that its coordinator and workers have ended.
     pub was_finished: bool,
 }
 
@@ -38,13 +38,13 @@ pub enum RetryError {
     /// The store cannot be used.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// Some are not in quarantine or not in the manifest.
+    /// Some scenes are not in quarantine or not in the manifest.
     #[error("{0}; nothing was changed")]
     Refused(String),
 }
 
 /// Removes the quarantine records and attempts of `which`, and all results of [`RetryScenes::Anew`], from a run with
-/// the scenes `manifest`; with `dry_run` only counts them. An error changes nothing.
+/// the scenes `manifest`; with `dry_run`, only counts them. An error changes nothing.
 pub fn retry(
     store: &Store,
     manifest: &[SceneId],
@@ -78,10 +78,10 @@ pub fn retry(
         if !dry_run {
             store.delete(&results)?;
             if is_anew {
-                // Not counted: the noise map is no result, and may be missing.
+                // The noise map is not a result and may be missing, so the count leaves it out.
                 store.delete(&[keys::noise(scene)])?;
             }
-            // The quarantine record last: a scene out of quarantine must have no old attempts.
+            // The quarantine record goes last, because a scene out of quarantine must have no old attempts.
             store.delete(&attempts)?;
             store.delete(&[keys::quarantine(scene)])?;
         }
@@ -92,7 +92,7 @@ pub fn retry(
     Ok(retried)
 }
 
-/// Keys of all results of a scene, the tuple's record first: without it the tuple is not done.
+/// Returns the keys of all results of a scene, the tuple's record first: without its record, the tuple is not done.
 fn results(store: &Store, scene: &SceneId) -> Result<Vec<String>, StoreError> {
     let record = keys::tuple_record(scene);
     let mut results = store.list(&keys::tuple_folder(scene))?;
@@ -105,12 +105,12 @@ fn results(store: &Store, scene: &SceneId) -> Result<Vec<String>, StoreError> {
     Ok(results)
 }
 
-/// Names the state of each scene.
+/// Describes the state of each refused scene.
 fn refusal(store: &Store, manifest: &[SceneId], wrong: &[&SceneId]) -> Result<String, StoreError> {
     let mut reasons = Vec::new();
     for scene in wrong {
         reasons.push(if !manifest.contains(scene) {
-            format!("{scene} is no scene of this run")
+            format!("{scene} is not a scene of this run")
         } else if store.get(&keys::tuple_record(scene))?.is_some() {
             format!("{scene} is not in quarantine: it is done")
         } else {
@@ -146,7 +146,7 @@ mod tests {
         for part in [
             "c is not in quarantine: it is waiting",
             "d is not in quarantine: it is done",
-            "e is no scene",
+            "e is not a scene",
         ] {
             assert!(text.contains(part), "{text}");
         }

@@ -1,4 +1,4 @@
-//! Wall-clock and CPU time of a worker's stages.
+//! Measures wall-clock and CPU time of a worker's stages.
 
 use rustix::time::{ClockId, clock_gettime};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,7 +11,7 @@ pub(crate) struct Spent {
     pub(crate) cpu: Duration,
 }
 
-/// Measures the work of one thread.
+/// A stopwatch for the work of one thread.
 pub(crate) struct Stopwatch {
     wall: Instant,
     cpu: Duration,
@@ -30,13 +30,13 @@ impl Stopwatch {
     }
 }
 
-/// User and system time so far.
+/// Returns the user and system time so far.
 fn cpu_so_far(clock: ClockId) -> Duration {
     let time = clock_gettime(clock);
     Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
 }
 
-/// User and system seconds of all threads of this process so far.
+/// Returns the user and system seconds of all threads of this process so far.
 pub fn process_cpu_s() -> f64 {
     cpu_so_far(ClockId::ProcessCPUTime).as_secs_f64()
 }
@@ -88,13 +88,13 @@ impl StageSeconds {
         add(&counter.cpu, spent.cpu);
     }
 
-    /// Wall-clock seconds by stage, in pipeline order.
+    /// Returns the wall-clock seconds by stage, in pipeline order.
     pub fn all(&self) -> [(&'static str, f64); STAGES.len()] {
         std::array::from_fn(|k| (STAGES[k], seconds(&self.stages[k].wall)))
     }
 
-    /// CPU seconds of the process so far: before work started, by stage, and the rest (the queue, leases and the
-    /// store's threads).
+    /// Returns the CPU seconds of the process so far: before work started, by stage, and the rest (the queue, leases
+    /// and the store's threads).
     pub fn cpu(&self) -> Vec<(&'static str, f64)> {
         let before = self.before.as_secs_f64();
         let mut all = vec![("before", before)];
@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cpu_seconds_are_of_the_thread_and_add_up() {
+    fn cpu_seconds_belong_to_the_thread_and_add_up() {
         let stages = StageSeconds::begin();
         let slept = Stopwatch::start();
         std::thread::sleep(Duration::from_millis(60));

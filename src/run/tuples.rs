@@ -1,4 +1,4 @@
-//! A run's tuples as the trainer reads them.
+//! Gives the trainer access to a run's tuples.
 
 use super::{QuarantineRecord, keys};
 use crate::store::{Store, StoreError};

@@ -23,24 +23,24 @@ pub(crate) struct WorkLog {
     pub(crate) host: String,
     pub(crate) version: String,
     pub(crate) tracer_version: u32,
-    /// The process was a worker's child, for a scene that was lost before.
+    /// True if the process was a worker's child, for a scene that an earlier process was lost with.
     pub(crate) is_child: bool,
     pub(crate) threads: u32,
-    /// Start, seconds since 1970 by its own clock.
+    /// Start, seconds since 1970 by the worker's clock.
     pub(crate) started_unix_s: f64,
     pub(crate) wall_s: f64,
-    /// Why it ended early, if it did: `signal`, `time_limit`, `drained`, `cancelled`.
+    /// Reason for an early end, if any: `signal`, `time_limit`, `drained`, `cancelled`.
     pub(crate) stopped: Option<String>,
     pub(crate) merged: u64,
     pub(crate) shards_traced: u64,
-    /// Shards with partials that it found.
+    /// Number of shards that already had a partial.
     pub(crate) shards_resumed: u64,
     pub(crate) scenes_loaded: u64,
     /// Wall-clock seconds by stage, summed over threads.
     pub(crate) thread_seconds: BTreeMap<String, f64>,
     /// CPU seconds of the process: before work started, by stage, and the rest.
     pub(crate) cpu_seconds: BTreeMap<String, f64>,
-    /// Cost of tracing by scene.
+    /// Cost of tracing, by scene.
     pub(crate) scenes: Vec<SceneTrace>,
 }
 
@@ -54,7 +54,7 @@ pub(crate) struct SceneTrace {
     pub(crate) cpu_s: f64,
 }
 
-/// When a worker started.
+/// Start time of a worker.
 pub(crate) struct LogTime {
     pub(crate) clock: SystemTime,
     pub(crate) start: Instant,
@@ -71,12 +71,12 @@ impl LogTime {
 pub(crate) struct SceneSeconds(Mutex<BTreeMap<u32, (u32, Duration)>>);
 
 impl SceneSeconds {
-    /// A band of the scene was traced.
+    /// Adds the CPU time of a traced band.
     pub(crate) fn add(&self, scene: u32, cpu: Duration) {
         self.change(scene, |(_, total)| *total += cpu);
     }
 
-    /// The last band of a shard of the scene was traced.
+    /// Counts a shard when its last band is traced.
     pub(crate) fn add_shard(&self, scene: u32) {
         self.change(scene, |(shards, _)| *shards += 1);
     }
@@ -86,7 +86,7 @@ impl SceneSeconds {
         change(scenes.entry(scene).or_default());
     }
 
-    /// The entries of the log.
+    /// Returns the entries of the log.
     pub(crate) fn of(&self, run: &Run) -> Vec<SceneTrace> {
         let scenes = self.0.lock().expect("no holder of this lock panics");
         let trace = |(&scene, &(shards, cpu)): (&u32, &(u32, Duration))| SceneTrace {
@@ -99,8 +99,8 @@ impl SceneSeconds {
 }
 
 impl WorkLog {
-    /// Puts the log, unless the worker did nothing. A failure is ignored: the report states how many tuples its logs
-    /// cover.
+    /// Puts the log, unless the worker did nothing. Ignores a failure, because the report states how many tuples its
+    /// logs cover.
     pub(crate) fn leave(&self, store: &Store) {
         if self.merged + self.shards_traced + self.scenes_loaded == 0 {
             return;
@@ -108,7 +108,7 @@ impl WorkLog {
         let _ = store.with_patience(Duration::ZERO).create(&self.key(), &json_line(self));
     }
 
-    /// Unique: two processes with the same worker name do not start in the same millisecond.
+    /// Returns a unique key: two processes with the same worker name do not start in the same millisecond.
     fn key(&self) -> String {
         let safe = |c: char| {
             if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }
@@ -118,7 +118,7 @@ impl WorkLog {
         format!("{}/work-{milliseconds:013}-{worker}.json", keys::LOGS)
     }
 
-    /// Whether its times are finite and not negative, so that the report can add them.
+    /// True if its times are finite and not negative, so that the report can add them.
     fn is_sound(&self) -> bool {
         let seconds = self.thread_seconds.values().chain(self.cpu_seconds.values());
         let scenes = self.scenes.iter().map(|scene| &scene.cpu_s);
@@ -127,7 +127,7 @@ impl WorkLog {
     }
 }
 
-/// A run's logs, oldest first, and the keys of damaged ones.
+/// Reads a run's logs, oldest first, and the keys of damaged logs.
 pub(crate) fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), StoreError> {
     let mut keys = store.list(keys::LOGS)?;
     keys.retain(|key| {
@@ -146,7 +146,7 @@ pub(crate) fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), St
     Ok((logs, damaged))
 }
 
-/// Why work ended early.
+/// Reason for an early end of the work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
     Asked,
@@ -158,7 +158,7 @@ pub enum Stop {
 }
 
 impl Stop {
-    /// Its name in JSON.
+    /// Returns the reason's name in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Asked => "signal",

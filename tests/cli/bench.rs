@@ -79,7 +79,7 @@ fn the_error_falls_and_is_written_to_files() {
     // The second call reuses the reference. A call with the reference's folder finds the same errors; without --json,
     // it prints tables.
     let again = run_line(&format!("{line} --progress none")).expect(0);
-    let again = again.says(&["is reused"]).json();
+    let again = again.says(&["reusing the reference"]).json();
     assert_eq!(again["reference"]["reused"], true);
     let rmse = |result: &Value| -> Vec<Value> {
         result["rows"].as_array().unwrap().iter().map(|row| row["rmse"].clone()).collect()

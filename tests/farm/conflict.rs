@@ -99,7 +99,7 @@ fn a_worker_that_computes_other_bits_is_named() {
     assert_eq!(is_wrong, worker == "honest", "{audited:#}");
     run(&["retry", folder, "nothing-like-it", "--anew"])
         .expect(2)
-        .says(&["nothing-like-it is no scene of this run"]);
+        .says(&["nothing-like-it is not a scene of this run"]);
     let retried = run(&["retry", folder, SCENE, "--anew", "--json"]).expect(0).json();
     assert_eq!(retried["retried"][0], SCENE);
     assert!(retried["results_removed"].as_u64().unwrap() > 0);

@@ -31,7 +31,7 @@ fn a_scene_on_its_way() {
     let tile = json!({"x": 80, "y": 0, "width": 16, "height": 16});
     assert_eq!(object["shard"]["tile"], tile);
     assert_eq!(object["shard"]["samples"], json!([0, 256]));
-    assert_eq!(object["shard"]["result"], "not there");
+    assert_eq!(object["shard"]["result"], "missing");
     let (object, _) = explain(&place.run, "train-sample-000001:6");
     assert!(object["shard"]["result"].as_str().unwrap().contains("intact"));
     let mut bytes = std::fs::read(&paths[5]).unwrap();

@@ -50,7 +50,7 @@ fn a_scene_that_kills_its_process_is_set_aside_after_four() {
     run(&work).expect(3).says(&[
         "a child process traces it",
         "SIGABRT",
-        "as --fault asks",
+        "because of --fault",
         "quarantine",
     ]);
     assert_same(&tuples(&place.run), &without(poison));
@@ -59,7 +59,7 @@ fn a_scene_that_kills_its_process_is_set_aside_after_four() {
     let crashed = records.iter().filter(|r| r["ended"]["kind"] == "crashed");
     assert_eq!(crashed.count(), 3);
     let reason = quarantine_reason(&place.run, poison);
-    for word in ["4 processes", "SIGABRT", "aborts this process, as --fault asks"] {
+    for word in ["4 processes", "SIGABRT", "aborts this process because of --fault"] {
         assert!(reason.contains(word), "{reason}");
     }
     // Repaired, it is done.

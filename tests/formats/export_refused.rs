@@ -84,7 +84,7 @@ fn what_cannot_be_is_refused() {
         run(&arguments(&made, &out, more)).expect(code).says(&[words]);
     }
     let url = Path::new("s3://bucket/out");
-    run(&arguments(&made, url, &["--format", "pairs"])).expect(2).says(&["is no folder"]);
+    run(&arguments(&made, url, &["--format", "pairs"])).expect(2).says(&["is a URL"]);
     let nowhere = folder.path().join("nowhere");
     run(&arguments(&nowhere, &out, &["--format", "pairs"])).expect(4);
     assert!(!out.exists());

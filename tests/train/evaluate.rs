@@ -60,8 +60,7 @@ fn a_run_is_scored() {
     let place = merged();
     let run_folder = text(&place.run);
     // Before any training: the pictures as they are.
-    let ended =
-        run(&["evaluate", run_folder, "--json"]).expect(0).says(&["no SP-net was trained here"]);
+    let ended = run(&["evaluate", run_folder, "--json"]).expect(0).says(&["the run has no SP-net"]);
     assert_eq!(methods(&ended.json()).len(), 2);
 
     train(&place);

@@ -352,7 +352,7 @@ fn features_are_random_or_from_a_file_and_both_are_recorded() {
         .says(&["VGG-19's weights", "step-0000002"]);
     let other = self::place();
     let more = small(&["--features", "random", "--vgg-divisor", "32"]);
-    run(&other.arguments("backtrack", "2", &more)).expect(0).says(&["not the paper's"]);
+    run(&other.arguments("backtrack", "2", &more)).expect(0).says(&["unlike the paper's"]);
     run(&["train", text(&other.run), "--stage", "separation", "--steps", "2"]).expect(0);
 }
 

@@ -32,7 +32,7 @@ pub(super) struct AuditArgs {
     /// Seed of the choice: equal seed, share and run give equal scenes [default: random, and printed]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Audit this scene instead (repeatable); of an unfinished scene, the files that exist
+    /// Audit this scene instead; of an unfinished scene, only the files that exist; repeatable
     #[arg(long = "scene", value_name = "SCENE", value_parser = parse_scene_id, conflicts_with_all = ["share", "seed"])]
     scenes: Vec<SceneId>,
     #[command(flatten)]
@@ -76,7 +76,7 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
         let Some(audit) = audit_scene(&run, &store, index, &options, &on_shard)? else {
             break;
         };
-        // Count the shards of a scene that was not traced because it cannot be compared.
+        // The bar must also advance past the shards of a scene that cannot be compared and is not traced.
         progress.add(shards(&index).saturating_sub(progress.done() - before), true);
         if audit.verdict != Verdict::Same {
             progress.suspend(|| output.warning(&describe(&audit)));
@@ -114,7 +114,7 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
     })
 }
 
-/// The scenes to trace again, and the seed that chose them.
+/// Returns the indices of the scenes to trace again, and the seed that chose them.
 fn places(
     args: &AuditArgs,
     run: &Run,
@@ -127,17 +127,17 @@ fn places(
     let find = |id: &SceneId| {
         let place = run.lines.iter().position(|line| line.id == *id);
         place.ok_or_else(|| {
-            failure!(Exit::Usage, "{id} is no scene of this run; manifest.jsonl names them all")
+            failure!(Exit::Usage, "{id} is not a scene of this run; manifest.jsonl lists them")
         })
     };
     let places: Result<Vec<usize>, Failure> = args.scenes.iter().map(find).collect();
     Ok((places?, None))
 }
 
-/// 32 bits: short enough for the user to type again.
+/// Returns a random seed of 32 bits, short enough to type.
 fn random_seed() -> Result<u64, Failure> {
     getrandom::u32().map(u64::from).map_err(|e| {
-        failure!(Exit::Failed, "the system has no random numbers ({e}); give --seed N")
+        failure!(Exit::Failed, "the system returns no random numbers ({e}); give --seed N")
     })
 }
 
@@ -171,7 +171,7 @@ struct Audited<'a> {
     share: f64,
 }
 
-/// A worker's scenes: those that differ, and all that were compared.
+/// Number of a worker's scenes that differ, and of all its compared scenes.
 #[derive(Serialize)]
 struct WorkerAudit {
     worker: String,
@@ -184,7 +184,7 @@ impl fmt::Display for Audited<'_> {
         let Self { same, differ, not_compared, wall_s, .. } = self;
         write!(
             f,
-            "scenes traced again in {wall_s:.1} s: {}; the same bit for bit: {same}, different: {differ}, not compared: {not_compared}",
+            "scenes traced again in {wall_s:.1} s: {}; equal bit for bit: {same}, different: {differ}, not compared: {not_compared}",
             same + differ
         )?;
         if let Some(seed) = self.seed {
@@ -196,8 +196,8 @@ impl fmt::Display for Audited<'_> {
         }
         if *differ > 0 {
             f.write_str(
-                "\nRemove the machine that made them from the farm, then `glasshouse retry RUN SCENE… --anew` and \
-                 `glasshouse work RUN` make them again. `glasshouse audit RUN --share 1` checks all other scenes.",
+                "\nRemove the machine that made the different scenes from the farm; then `glasshouse retry RUN SCENE… --anew` and \
+                 `glasshouse work RUN` make these scenes again. `glasshouse audit RUN --share 1` checks all other scenes.",
             )?;
         }
         if self.stopped {
@@ -219,7 +219,7 @@ fn workers(audits: &[SceneAudit]) -> Vec<WorkerAudit> {
     workers.into_iter().map(worker).collect()
 }
 
-/// Workers outside a farm write no receipt.
+/// Returns the workers that made a scene. Workers outside a farm write no receipt.
 fn maker(audit: &SceneAudit) -> String {
     let receipt = audit.receipt.as_ref();
     receipt.map_or_else(|| "no receipt".to_owned(), Provenance::makers)
@@ -255,7 +255,7 @@ fn amount(difference: &FileDifference) -> String {
             )
         }
         (Some(_), Some([x, y])) => {
-            format!("{pixels} of {all} pixels differ; at x {x}, y {y} a value is no number")
+            format!("{pixels} of {all} pixels differ; at x {x}, y {y} a value is not a number")
         }
         _ => difference.note.clone(),
     }

@@ -12,12 +12,12 @@ use std::borrow::Cow;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// `pause`, `cancel`
+/// Arguments of `pause` and `cancel`.
 #[derive(Debug, ClapArgs)]
 pub(super) struct HoldArgs {
     /// Folder of the run
     run: PathBuf,
-    /// Reason, shown by workers, coordinator and status
+    /// Reason to show in workers, coordinator and status
     #[arg(long, value_name = "TEXT")]
     reason: Option<String>,
     #[command(flatten)]

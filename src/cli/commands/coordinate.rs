@@ -26,7 +26,7 @@ pub(super) struct CoordinateArgs {
     run: PathBuf,
     #[command(flatten)]
     queue: QueueArgs,
-    /// Address of the status page; port 0 picks one and prints it
+    /// Address of the status page; with port 0, the command picks a free port and prints it
     #[arg(long, value_name = "ADDR:PORT", help_heading = FARM)]
     listen: Option<std::net::SocketAddr>,
     /// File with the secret (16 characters or more) that enables the page's buttons; or set GLASSHOUSE_TOKEN
@@ -95,7 +95,7 @@ pub(super) fn run(
     })
 }
 
-/// Reads only the store: connecting to an absent queue would block.
+/// Counts the scenes to publish. Reads only the store, because connecting to an absent queue would block.
 fn dry_run(
     args: &CoordinateArgs,
     run: &Run,
@@ -115,10 +115,10 @@ fn dry_run(
     Ok(Exit::Done)
 }
 
-/// The secret for the page's buttons, from a file or the environment: every user of a machine can see command lines.
+/// Reads the secret for the page's buttons. It is no argument, because every user of a machine can see command lines.
 fn token(args: &CoordinateArgs, output: &Output) -> Result<Option<String>, Failure> {
     let Some(path) = &args.token_file else {
-        #[allow(clippy::disallowed_methods, reason = "cli is where the environment is read")]
+        #[allow(clippy::disallowed_methods, reason = "only cli reads the environment")]
         let token = std::env::var(TOKEN).ok();
         return Ok(token.filter(|token| args.listen.is_some() && !token.is_empty()));
     };
@@ -128,7 +128,7 @@ fn token(args: &CoordinateArgs, output: &Output) -> Result<Option<String>, Failu
     let text = std::fs::read_to_string(path).map_err(cannot)?;
     let others = std::fs::metadata(path).map_err(cannot)?.mode() & 0o077;
     if others != 0 {
-        output.warning(&format!("{} can be read by others; `chmod 600` it", path.display()));
+        output.warning(&format!("other users can read {}; run `chmod 600` on it", path.display()));
     }
     Ok(Some(text.trim().to_owned()))
 }

@@ -25,17 +25,17 @@ use std::time::Duration;
 pub(super) struct DoctorArgs {
     /// Folder of a run, or of a future run [default: the current folder]
     run: Option<PathBuf>,
-    /// Store to check: a folder, file:///FOLDER, or s3://BUCKET/PREFIX; puts and removes one small object
+    /// Store to check: a folder, file:///FOLDER, or s3://BUCKET/PREFIX; the check puts and removes one small object
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", help_heading = FARM)]
     store: Option<String>,
-    /// NATS server to check: nats://host:4222, tls://host:4222, several with commas
+    /// NATS server to check: nats://host:4222 or tls://host:4222; commas separate several
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_QUEUE", hide_env_values = true, help_heading = FARM)]
     queue: Option<String>,
     #[command(flatten)]
     keys: NatsKeys,
 }
 
-/// `doctor` reports a store that does not answer within this time.
+/// Time after which `doctor` reports that a store does not answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 pub(super) fn run(args: &DoctorArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -88,9 +88,9 @@ struct Found {
 impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let verdict = match (self.warn, self.fail) {
-            (0, 0) => "all is well",
-            (_, 0) => "it will work",
-            _ => "something must be done",
+            (0, 0) => "everything works",
+            (_, 0) => "everything works, with warnings",
+            _ => "some checks failed",
         };
         let plural = |count: usize, what: &str| match count {
             0 => format!("no {what}s"),
@@ -116,7 +116,7 @@ impl fmt::Display for Found {
     }
 }
 
-/// The golden shard in the run's spec, and a finding on whether workers can use the run.
+/// Returns the golden shard in the run's spec, and a finding that tells if workers can use the run.
 fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
     let spec = std::fs::read(folder.join(keys::SPEC)).ok();
     let golden =
@@ -125,7 +125,7 @@ fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
     let finding = match Run::open(folder, &Roots::default()) {
         Ok(run) => Finding::ok(
             "run",
-            format!("{}, {} scenes, can be worked on", run.spec.name, run.lines.len()),
+            format!("{}, {} scenes, ready for workers", run.spec.name, run.lines.len()),
         ),
         Err(RunError::Missing { .. }) => return (None, None),
         Err(error) => Finding::fail("run", error.to_string(), to_do),
@@ -133,7 +133,7 @@ fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
     (golden, Some(finding))
 }
 
-/// The folder itself, or the nearest existing ancestor.
+/// Returns the folder itself, or its nearest existing ancestor.
 fn existing(folder: &Path) -> &Path {
     let mut above = folder.ancestors();
     let found = above.find(|folder| folder.is_dir() || folder.as_os_str().is_empty());
@@ -153,8 +153,8 @@ fn store(address: &str) -> Vec<Finding> {
         && !Path::new(folder).is_dir()
     {
         // Opening the store would create the folder.
-        let text = format!("there is no folder {folder}");
-        return vec![Finding::fail("store", text, "make it, or correct the address")];
+        let text = format!("the folder {folder} does not exist");
+        return vec![Finding::fail("store", text, "create it, or correct the address")];
     }
     let options = StoreOptions { patience: PATIENCE, ..store_options() };
     match Store::open(address, &options) {
@@ -176,7 +176,7 @@ fn queue(args: &DoctorArgs) -> Vec<Finding> {
 fn queue(args: &DoctorArgs) -> Vec<Finding> {
     let missing = |_| {
         let text = "this program was built without the feature `nats`";
-        Finding::fail("queue", text, "use one that was built with it")
+        Finding::fail("queue", text, "use a build with this feature")
     };
     args.queue.iter().map(missing).collect()
 }

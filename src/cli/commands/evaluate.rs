@@ -23,16 +23,16 @@ use train::{shrunk, stage_folder, steps};
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct EvaluateArgs {
-    /// Folder of a run; or of pairs: blended/ and transmission_layer/, or as SIR2 and CEILNet name them
+    /// Folder of a run, or of pairs in blended/ and transmission_layer/, or in the folders of SIR2 or CEILNet
     #[arg(value_name = "RUN|DIR")]
     place: PathBuf,
-    /// Network to score: a folder as for `separate`, with a row name [default name: stage and step]; repeatable [default: the run's]
+    /// Network to score: a folder as for `separate`, and a row name [default: stage and step]; repeatable [default: the run's]
     #[arg(long = "checkpoint", value_name = "[NAME=]FOLDER")]
     checkpoints: Vec<String>,
     /// Scenes of a run to score
     #[arg(long, value_enum, default_value = "test")]
     split: SplitName,
-    /// Scores in the table; the files contain all
+    /// Scores in the table; the files contain the scores of both protocols
     #[arg(long, value_enum, default_value = "both")]
     protocol: ProtocolName,
     /// Folder for evaluation.md, .csv, .png (some pictures) and .json [default: RUN/train/evaluation; for pairs: none]
@@ -57,7 +57,7 @@ enum ProtocolName {
     Paper,
     /// ERRNet and its successors: means over the channels.
     Errnet,
-    /// Both, side by side.
+    /// Both protocols, side by side.
     Both,
 }
 
@@ -72,7 +72,7 @@ impl From<ProtocolName> for Protocol {
 }
 
 impl EvaluateArgs {
-    /// The networks of a run on its test scenes.
+    /// Returns the arguments that score the networks of a run on its test scenes.
     pub(super) fn of_run(run: &Path) -> Self {
         Self {
             place: run.to_owned(),
@@ -88,7 +88,7 @@ impl EvaluateArgs {
     }
 }
 
-/// Warnings of one kind to print; the files list all.
+/// Largest number of printed warnings; the files list all.
 const WARNINGS: usize = 8;
 
 pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -102,7 +102,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Resu
     Ok(exit)
 }
 
-/// The networks of a run on its test scenes.
+/// Scores the networks of a run on its test scenes.
 pub(super) fn evaluate_run(
     run: &Path,
     global: &Global,
@@ -111,7 +111,7 @@ pub(super) fn evaluate_run(
     Task::new(&EvaluateArgs::of_run(run), global, output)?.score(global, output)
 }
 
-/// An evaluation to do.
+/// Checked inputs of an evaluation.
 struct Task<'a> {
     args: &'a EvaluateArgs,
     place: Place<'a>,
@@ -131,7 +131,7 @@ impl<'a> Task<'a> {
         if pictures.subject().count() == 0 {
             return Err(failure!(
                 Exit::InvalidInput,
-                "{} was planned without scenes of the split {:?}; give another --split",
+                "{} has no scenes of the split {:?}; give another --split",
                 args.place.display(),
                 args.split.name()
             ));
@@ -151,7 +151,7 @@ impl<'a> Task<'a> {
         }
     }
 
-    /// Scores, and writes the scores.
+    /// Scores the pictures and writes the scores.
     fn score(&self, global: &Global, output: &Output) -> Result<(Evaluation, Exit), Failure> {
         let Self { args, place, networks, .. } = self;
         let subject = self.pictures.subject();
@@ -173,7 +173,7 @@ impl<'a> Task<'a> {
             let (done, all) = (scored.done, subject.count());
             return Err(failure!(
                 signals.exit(),
-                "stopped after {done} of {all} pictures: nothing is written"
+                "stopped after {done} of {all} pictures: nothing was written"
             ));
         }
         let incomplete: Vec<LeftOut> = of_gain.into_iter().chain(scored.left_out).collect();
@@ -203,17 +203,15 @@ impl<'a> Task<'a> {
     }
 }
 
-/// A run or a folder of pairs.
 struct Place<'a> {
     folder: &'a Path,
     store: Option<&'a str>,
     is_run: bool,
 }
 
-/// The pictures of a place.
 struct Pictures {
     of: Source,
-    /// Pictures that are in no pair.
+    /// Pictures outside all pairs.
     left_out: Vec<LeftOut>,
 }
 
@@ -244,12 +242,12 @@ impl<'a> Place<'a> {
         Self {
             folder,
             store,
-            // The run may still have to be copied from the store.
+            // A run that exists only in the store is copied later.
             is_run: is_run(folder) || (store.is_some() && !folder.exists()),
         }
     }
 
-    /// Folder to write to.
+    /// Returns the folder for the scores; `None` if they are only printed.
     fn out(&self, args: &EvaluateArgs) -> Option<PathBuf> {
         let own = || self.is_run.then(|| evaluation_folder(self.folder));
         args.out.clone().or_else(own)
@@ -275,7 +273,7 @@ impl<'a> Place<'a> {
         let left_out: Vec<LeftOut> = left_out.collect();
         if !left_out.is_empty() {
             output.note(&format!(
-                "{} pictures are in no pair{}",
+                "{} pictures belong to no pair{}",
                 left_out.len(),
                 if output.verbose { ":" } else { "; -v prints why" }
             ));
@@ -289,7 +287,7 @@ impl<'a> Place<'a> {
     }
 }
 
-/// Folder of a run's scores.
+/// Returns the folder of a run's scores.
 pub(super) fn evaluation_folder(run: &Path) -> PathBuf {
     run.join("train").join("evaluation")
 }
@@ -298,7 +296,7 @@ fn is_run(place: &Path) -> bool {
     place.join(keys::SPEC).is_file()
 }
 
-/// The networks to score, with unique row names.
+/// Opens the networks to score; fails unless their row names are unique.
 fn networks(
     args: &EvaluateArgs,
     is_run: bool,
@@ -315,7 +313,7 @@ fn networks(
     if places.is_empty() && is_run {
         if steps(&stage_folder(&args.place, Stage::Separation)).is_empty() {
             output.note(&format!(
-                "no SP-net was trained here, so only the input is scored; `glasshouse train {} --stage separation --steps S` trains one",
+                "the run has no SP-net, so only the input is scored; `glasshouse train {} --stage separation --steps S` trains one",
                 args.place.display()
             ));
         } else {
@@ -339,7 +337,7 @@ fn networks(
     Ok(networks)
 }
 
-/// Fits the gain to the place that the user gives, else to the run's own train scenes.
+/// Fits the gain to the pictures of `--fit-gain`, or else to the run's own train scenes.
 fn gain(
     args: &EvaluateArgs,
     own: &Place,
@@ -382,7 +380,7 @@ struct Planned<'a> {
 impl fmt::Display for Planned<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (images, methods) = (self.images, self.methods.join(", "));
-        write!(f, "would score {images} pictures by {methods}; nothing is written")
+        write!(f, "would score {images} pictures by {methods}")
     }
 }
 
@@ -391,17 +389,17 @@ fn warn(incomplete: &[LeftOut], output: &Output) {
         output.warning(&format!("{image} is left out: {reason}"));
     }
     if let Some(more @ 1..) = incomplete.len().checked_sub(WARNINGS) {
-        output.warning(&format!("{more} more are left out"));
+        output.warning(&format!("{more} more pictures are left out"));
     }
 }
 
 fn nothing(place: &str, is_run: bool, left_out: &[LeftOut]) -> Failure {
     let to_do = if is_run {
-        format!("run `glasshouse work {place}`, and see `glasshouse status {place}`")
+        format!("run `glasshouse work {place}` and check `glasshouse status {place}`")
     } else {
         "see the messages about its pairs above".to_owned()
     };
-    let mut failure = failure!(Exit::InvalidInput, "there is nothing to score in {place}: {to_do}");
+    let mut failure = failure!(Exit::InvalidInput, "{place} has nothing to score: {to_do}");
     failure.details.insert("left_out".to_owned(), json!(left_out));
     failure
 }

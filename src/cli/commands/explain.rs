@@ -26,7 +26,7 @@ pub(super) struct ExplainArgs {
     store: StoreArgs,
 }
 
-/// Ranges of shards to print.
+/// Largest number of printed ranges of shards.
 const ROWS: usize = 8;
 
 pub(super) fn run(args: &ExplainArgs, output: &Output) -> Result<Exit, Failure> {
@@ -69,7 +69,7 @@ fn text(known: &Explanation) -> String {
         SceneState::Waiting => "waiting",
     };
     let mut text = format!(
-        "{}: {state}; scene {} of the manifest\n  film        {} x {} px, {} samples a pixel",
+        "{}: {state}; scene {} of the manifest\n  film        {} x {} px, {} samples per pixel",
         known.scene,
         known.index,
         film.width,
@@ -77,7 +77,7 @@ fn text(known: &Explanation) -> String {
         grouped(film.spp.into())
     );
     if let Some(target) = film.target_error {
-        let _ = write!(text, " at most, cells within {target:.1e}");
+        let _ = write!(text, " at most, target error {target:.1e}");
     }
     row(&mut text, "front", known.line.front.name());
     row(&mut text, "back", known.line.back.name());
@@ -91,7 +91,7 @@ fn text(known: &Explanation) -> String {
         ),
     );
     if known.state != SceneState::Done {
-        row(&mut text, "there", &rows(&known.there));
+        row(&mut text, "partials", &rows(&known.there));
         row(&mut text, "missing", &rows(&known.missing));
     }
     if let Some(shard) = &known.shard {
@@ -114,7 +114,7 @@ fn text(known: &Explanation) -> String {
         log(&mut text, end.map(|end| end.log_tail.as_str()));
     }
     if let Some(record) = &known.quarantine {
-        let reason = record["reason"].as_str().unwrap_or("no reason is given");
+        let reason = record["reason"].as_str().unwrap_or("the record has no reason");
         row(&mut text, "reason", reason);
         log(&mut text, record["log_tail"].as_str());
     }
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_shard_is_a_scene_and_a_number() {
+    fn a_shard_argument_is_a_scene_and_an_optional_number() {
         let scene = SceneId::new("train-1").unwrap();
         assert_eq!(parse_shard("train-1"), Ok((scene.clone(), None)));
         assert_eq!(parse_shard("train-1:12"), Ok((scene, Some(12))));

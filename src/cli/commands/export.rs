@@ -23,7 +23,7 @@ use std::time::Instant;
 pub(super) struct ExportArgs {
     /// Folder of the run
     run: PathBuf,
-    /// Format
+    /// Format of the data set
     #[arg(long, value_enum)]
     format: FormatName,
     /// Folder of the export: a new one, or one with an unfinished export of the same kind
@@ -89,7 +89,7 @@ impl From<EncodingName> for PixelEncoding {
 }
 
 impl ExportArgs {
-    /// As typed, or the format's default.
+    /// Returns the encoding on the command line, or the format's default.
     fn encoding(&self) -> PixelEncoding {
         match (self.encoding, self.format) {
             (Some(encoding), _) => encoding.into(),
@@ -105,7 +105,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
     if is_url(&args.out) {
         return Err(failure!(
             Exit::Usage,
-            "--out {} is no folder: export into a folder, then copy it there (`aws s3 sync DIR s3://BUCKET/PREFIX`)",
+            "--out {} is a URL: export into a folder, then copy the folder there (`aws s3 sync DIR s3://BUCKET/PREFIX`)",
             args.out.display()
         ));
     }
@@ -185,7 +185,7 @@ struct Export<'a> {
     #[serde(serialize_with = "reasons")]
     quarantined: Vec<(SceneId, String)>,
     missing: usize,
-    /// `None` in a dry run.
+    /// Duration of the export, s; `None` in a dry run.
     #[serde(skip_serializing_if = "Option::is_none")]
     wall_s: Option<f64>,
 }
@@ -234,23 +234,23 @@ impl fmt::Display for Export<'_> {
         }
         let (quarantined, missing) = (self.quarantined.len(), self.missing);
         if quarantined > 0 {
-            write!(f, "; {quarantined} scenes in quarantine are not in it")?;
+            write!(f, "; {quarantined} scenes in quarantine are left out")?;
         }
         if missing > 0 {
-            write!(f, "; {missing} scenes that are not merged yet are not in it")?;
+            write!(f, "; {missing} scenes without a tuple are left out")?;
         }
         Ok(())
     }
 }
 
-/// Refuses an export that the disk has no room for, if its file system reports the free space.
+/// Fails if the free space of the disk is known and too small for the export.
 fn check_space(args: &ExportArgs, needed: u64) -> Result<(), Failure> {
     match available_bytes(&args.out) {
         Some(available) if available < needed => {
             let [needed, available] = [needed, available].map(|b| bytes_text(b as f64));
             Err(failure!(
                 Exit::Failed,
-                "the export takes about {needed}, and the disk of {} has {available}: make room, or give another --out",
+                "the export needs about {needed}, but the disk of {} has {available}: make room, or give another --out",
                 args.out.display()
             ))
         }

@@ -14,13 +14,13 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct InspectArgs {
-    /// Files that this program wrote or reads; folders of a run, a tuple, a checkpoint
+    /// Files that this program writes or reads, or folders of a run, a tuple or a checkpoint
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
 }
 
 pub(super) fn run(args: &InspectArgs, output: &Output) -> Exit {
-    // Decoders of other crates may panic on hostile bytes; the panic is caught and reported as a problem.
+    // Decoders of other crates may panic on hostile bytes; `inspect_path` catches the panic and reports a problem.
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
     let found: Vec<(&Path, Inspection)> =
@@ -36,7 +36,7 @@ pub(super) fn run(args: &InspectArgs, output: &Output) -> Exit {
     if sound == found.len() { Exit::Done } else { Exit::InvalidInput }
 }
 
-/// A file's inspection as text.
+/// Formats a file's inspection.
 fn text(path: &str, found: &Inspection) -> String {
     let mut text = title(path, found);
     let size = found.bytes.map(|bytes| match bytes {
@@ -63,10 +63,10 @@ fn text(path: &str, found: &Inspection) -> String {
     text
 }
 
-/// The path and the kind of the file.
+/// Formats the path and the kind of a file.
 fn title(path: &str, found: &Inspection) -> String {
     let words = match found.kind {
-        Kind::Unknown => "nothing that is known here".to_owned(),
+        Kind::Unknown => "an unknown file".to_owned(),
         kind => {
             let words = kind.words();
             let first = words.split([' ', ',']).next().unwrap_or_default();

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct ManArgs {
-    /// Folder for one page per command; without it the main page is printed
+    /// Folder for one page per command; without it, the command prints the main page
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -89,7 +89,7 @@ fn collect(command: &Command, pages: &mut Vec<(String, String)>) -> Result<(), F
     Ok(())
 }
 
-/// A man page without a date, so that it is the same on every machine.
+/// Renders a man page without a date, so that all machines render the same bytes.
 fn page(command: &Command) -> Result<String, Failure> {
     let mut page = Vec::new();
     let version = concat!("glasshouse ", env!("CARGO_PKG_VERSION"));

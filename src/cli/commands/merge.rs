@@ -21,12 +21,12 @@ use std::path::PathBuf;
 pub(super) struct MergeArgs {
     /// Folder of the run
     run: PathBuf,
-    /// Where the run's objects are, if not in the run's folder: a folder, or s3://BUCKET/PREFIX
+    /// Store of the run's objects, if not RUN: a folder, or s3://BUCKET/PREFIX
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE", help_heading = FARM)]
     store: Option<String>,
 }
 
-/// Reasons to print.
+/// Largest number of printed reasons.
 const SHOWN: usize = 10;
 
 pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -75,7 +75,7 @@ impl fmt::Display for Summary<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} scenes {}merged, {} were before, {} cannot be",
+            "{} scenes {}merged, {} already merged, {} refused",
             self.merged.len(),
             if self.dry_run { "would be " } else { "" },
             self.already_merged,

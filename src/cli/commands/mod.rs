@@ -1,4 +1,4 @@
-//! The commands, one file each, with arguments and code.
+//! The commands. Each file has the arguments and the code of one command.
 
 mod audit;
 mod bench;
@@ -51,7 +51,7 @@ pub struct Args {
     command: Command,
 }
 
-/// The commands, in pipeline order.
+/// The commands. `--help` lists them in this order.
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Plan, trace, merge and report a recipe on this machine; resumes an unfinished run
@@ -73,22 +73,22 @@ enum Command {
   glasshouse plan my.toml --root diode=/data/diode -n --json   # files, bytes, hours
   glasshouse plan my.toml --root diode=/data/diode --skip-invalid --out runs/mine")]
     Plan(plan::PlanArgs),
-    /// Render one scene (a scene file, or a tuple.json to make again) to four EXRs and PNGs
+    /// Render one scene (a scene file or a tuple.json) to four EXRs and PNGs
     #[command(after_help = "Examples:
   glasshouse render scene.json --out out --spp 1024 -j 2
   glasshouse render runs/smoke/tuples/train-sample-000000/tuple.json --out again")]
     Render(render::RenderArgs),
-    /// Trace shards of a planned run until none are left, merging scenes as they are done
+    /// Trace the shards of a planned run until none are left, and merge each finished scene
     #[command(after_help = "Examples:
   glasshouse work runs/smoke
-  glasshouse work runs/smoke --time-limit 55m   # exits with 75 when more is left")]
+  glasshouse work runs/smoke --time-limit 55m   # exits with 75 if work is left")]
     Work(work::WorkArgs),
-    /// Supply a farm of many machines with tasks until every scene is done; may be restarted at any time
+    /// Supply a farm of many machines with tasks until every scene is done; can be restarted at any time
     #[command(after_help = "Examples:
   glasshouse coordinate runs/mine --queue nats://localhost:4222
   glasshouse work runs/mine --queue nats://localhost:4222      # on any number of machines")]
     Coordinate(coordinate::CoordinateArgs),
-    /// Merge complete sets of partials into tuples; refuses gaps
+    /// Merge the partials of complete scenes into tuples; refuses scenes with missing partials
     #[command(after_help = "Examples:
   glasshouse merge runs/smoke
   glasshouse merge runs/smoke -n --json")]
@@ -118,7 +118,7 @@ enum Command {
   glasshouse retry runs/smoke --all
   glasshouse retry runs/smoke --all --json   # or name the scenes")]
     Retry(retry::RetryArgs),
-    /// Explain the state of a scene or a shard, what happens next, and what you can do
+    /// Explain the state of a scene or a shard, and the next steps
     #[command(after_help = "Examples:
   glasshouse explain runs/smoke train-sample-000000
   glasshouse explain runs/smoke train-sample-000000:0")]
@@ -137,7 +137,7 @@ beside metrics.csv, TensorBoard's event files and pictures/ (validation scenes: 
 A kill loses the steps since the last checkpoint, Ctrl-C none; the same command resumes the training, with
 equal bits on the same kind of CPU and any number of threads.
 
-The separation stage comes second: the same with --stage separation.
+The separation stage comes second: the same command with --stage separation.
 
 Examples:
   glasshouse train runs/smoke --stage backtrack --steps 200
@@ -147,8 +147,8 @@ Examples:
     #[cfg(feature = "train")]
     #[command(after_help = "\
 The first row of the table is the unchanged input. The second is the input times one gain in linear
-light, fitted to train scenes: the score of a change of brightness alone. PSNR and SSIM are taken of
-8-bit pictures at their own size. Real pairs with misaligned ground truth are named, and a second table
+light, fitted to train scenes: the score of a mere change of brightness. PSNR and SSIM compare 8-bit
+pictures at their own size. The command names real pairs with misaligned ground truth, and a second table
 leaves them out. In JSON the PSNR of equal pictures is the string \"inf\".
 
 Exit code 3: some pairs are missing or unreadable, `left_out` lists them. 4: nothing to score.
@@ -162,10 +162,10 @@ Examples:
     #[cfg(feature = "train")]
     #[command(after_help = "\
 Each picture becomes NAME.transmission.png (the scene behind the glass) and
-NAME.glass_reflection.png (the reflection on the glass): 8-bit sRGB, of the picture's size, rotated as
-its EXIF data say.
+NAME.glass_reflection.png (the reflection on the glass): 8-bit sRGB, of the picture's size, rotated
+according to its EXIF data.
 
-Exit code 3: some pictures are unreadable or smaller than 16 px a side; the others are done.
+Exit code 3: some pictures are unreadable or smaller than 16 px on a side; the others are separated.
 
 Examples:
   glasshouse separate runs/smoke photo.jpg --out separated
@@ -178,9 +178,9 @@ imagefolder  DIR/SPLIT/metadata.jsonl and DIR/SPLIT/LAYER/ID.png, for Hugging Fa
 pairs        DIR/SPLIT/blended/ID.png, transmission_layer/, reflection_layer/, clean_reflection_layer/
 exr          DIR/SPLIT/ID.exr: OpenEXR with one part per layer, linear light
 
-Every format adds a dataset card (README.md), export.json and SHA256SUMS, the first two croissant.json.
-Equal runs give equal bytes. The same command resumes a stopped export; a folder with other content is
-refused. docs/datasets.md shows how to read each format in PyTorch.
+Every format adds a dataset card (README.md), export.json and SHA256SUMS; the first two also add
+croissant.json. Equal runs give equal bytes. The same command resumes a stopped export, and refuses a
+folder with other content. docs/datasets.md shows how to read each format in PyTorch.
 
 Exit code 3: scenes in quarantine, or (with --partial) not merged yet, are missing. 75: the run is not
 finished.
@@ -203,7 +203,7 @@ Examples:
   glasshouse report runs/smoke
   glasshouse report runs/smoke --out smoke.html --json")]
     Report(report::ReportArgs),
-    /// Explain files: the kind, the scene, and whether the file is intact
+    /// Explain files: their kind, their scene, and whether they are intact
     #[command(after_help = "\
 Files are recognised by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints, curves,
 event files, scores, exported archives, report pages, input files; and folders of a run, a tuple, a checkpoint.
@@ -215,13 +215,13 @@ Examples:
   glasshouse inspect runs/smoke/tuples/train-sample-000000/tuple.exr
   glasshouse inspect runs/smoke/spec.json runs/smoke/manifest.jsonl --json")]
     Inspect(inspect::InspectArgs),
-    /// Check this machine, a run's disk, a store and a queue, with advice
+    /// Check this machine, a run's disk, a store and a queue, and give advice
     #[command(after_help = "\
 Checks processor and kernels, cores, memory, open files, clock, the bits of a reference shard, and the disk: space,
-speed, exclusive names, links, renames and locks. Checks --store and --queue if they are given.
-Small files, an object and a stream are created for that and removed.
+speed, exclusive names, links, renames and locks. --store and --queue add checks of a store and a queue.
+The checks create and remove small files, an object and a stream.
 
-Exit code 1: a check failed. Warnings alone exit with 0.
+Exit code 1: a check failed. With warnings only, the exit code is 0.
 
 Examples:
   glasshouse doctor
@@ -237,7 +237,7 @@ Examples:
     #[command(after_help = "Examples:
   glasshouse bench error
   glasshouse bench trace
-  glasshouse bench error --help   # the measures and the method")]
+  glasshouse bench error --help   # measures and method")]
     Bench(bench::BenchArgs),
     /// Print a shell completion script
     #[command(after_help = "Examples:
@@ -245,7 +245,7 @@ Examples:
   glasshouse completions zsh > _glasshouse        # into a folder of $fpath
   glasshouse completions fish --json")]
     Completions(completions::CompletionsArgs),
-    /// Write a man page for every command, or print the main one
+    /// Write a man page for every command, or print the main page
     #[command(after_help = "Examples:
   glasshouse man --out man      # then: man -l man/glasshouse-run.1
   glasshouse man > glasshouse.1")]
@@ -293,7 +293,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_command_line_is_sound() {
+    fn clap_accepts_the_definition_of_the_command_line() {
         Args::command().debug_assert();
     }
 }

@@ -39,7 +39,7 @@ pub(super) struct PlanArgs {
 /// File of a run with the `[train]` table of the recipe.
 pub(super) const TRAIN_RECIPE: &str = "train.json";
 
-/// The run's folder: as given, or `runs/NAME` from the recipe's file name.
+/// Returns the run's folder: `--out`, or `runs/NAME` with the recipe's file name.
 pub(super) fn run_folder(args: &PlanArgs) -> PathBuf {
     args.out.clone().unwrap_or_else(|| {
         PathBuf::from("runs").join(args.recipe.file_stem().unwrap_or(args.recipe.as_os_str()))
@@ -80,7 +80,7 @@ pub(super) fn plan_with(
     Ok(planned)
 }
 
-/// Writes the recipe's `[train]` into the run, for `train`.
+/// Writes the recipe's `[train]` table into the run's folder, for `train`.
 fn keep_training(args: &PlanArgs) -> Result<(), Failure> {
     let text = std::fs::read_to_string(&args.recipe).unwrap_or_default();
     // A file that is not a recipe is a list of scenes and has no `[train]` table.
@@ -105,7 +105,7 @@ impl Steps<'_> {
         let mut bars = self.bars.lock().expect("no holder of this lock panics");
         let all = all as u64;
         match bars.get(what) {
-            // The step repeats: extend its bar.
+            // The step starts again: extend its bar.
             Some(bar) if done == 0 => bar.set_length(bar.done() + all),
             Some(bar) => bar.add(1, false),
             None => drop(bars.insert(what, Progress::new(self.global, what, all))),
@@ -133,7 +133,7 @@ pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<E
     });
     if cost.is_too_large() {
         output.warning(&format!(
-            "the disk of {} has {} left, the run needs about {}: choose another with --out",
+            "the disk of {} has {} left, but the run needs about {}: choose another disk with --out",
             folder.display(),
             bytes_text(cost.disk_available_bytes.unwrap_or(0) as f64),
             bytes_text(cost.disk_needed_bytes as f64)
@@ -158,7 +158,7 @@ pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<E
     Ok(Exit::Done)
 }
 
-/// Measures this machine: reads, decodes and traces a part of some scenes.
+/// Calibrates the estimate on this machine: reads, decodes and traces a part of some scenes.
 fn try_out(planned: &Planned, run: &Path, isa: Isa) -> Result<Option<Calibration>, Failure> {
     let mut roots = Roots::default();
     for (name, folder) in &planned.spec.roots {
@@ -194,7 +194,7 @@ struct Summary {
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let verb = match (self.dry_run, self.existed) {
-            (_, true) => "is planned already:",
+            (_, true) => "is already planned:",
             (true, false) => "would plan",
             (false, false) => "planned",
         };
@@ -212,18 +212,19 @@ impl fmt::Display for Summary {
         }
         let size = |bytes: u64| bytes_text(bytes as f64);
         let inputs = cost.input_bytes.map(size);
-        let inputs = inputs.unwrap_or_else(|| "not checked: the run is planned".to_owned());
+        let inputs =
+            inputs.unwrap_or_else(|| "not checked, because the run is already planned".to_owned());
         let available =
             cost.disk_available_bytes.map(|bytes| format!(", {} available", size(bytes)));
         let available = available.unwrap_or_default();
         let how = match &cost.calibration {
             Some(c) => format!(
-                "measured here on {} scenes: {:.1} ns a sample, {:.0} ms to load",
+                "measured here on {} scenes: {:.1} ns per sample, {:.0} ms per load",
                 c.scenes.len(),
                 c.seconds_per_sample * 1e9,
                 c.seconds_per_load * 1e3
             ),
-            None => "on a typical machine: no scene can be measured here yet".to_owned(),
+            None => "of a typical machine, because no scene can be measured here yet".to_owned(),
         };
         write!(
             f,

@@ -7,7 +7,6 @@ use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
 use crate::run::Run;
-use anyhow::Context;
 use clap::Args as ClapArgs;
 use render::Loaded;
 use render::atomic_file;
@@ -34,7 +33,7 @@ pub(super) struct RenderArgs {
     /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Samples a pixel, a power of two from 1 to 65536 [default: the scene's]
+    /// Samples per pixel, a power of two from 1 to 65536 [default: the scene's]
     #[arg(long, value_name = "N", value_parser = parse_spp)]
     spp: Option<u32>,
     /// Side of a tile, px; does not change the result
@@ -70,7 +69,9 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     if let Some(record) = &source.record
         && record.inputs != loaded.scene().inputs
     {
-        output.warning("the input files differ from the tuple's: its pixels will differ");
+        output.warning(
+            "the input files differ from those of the tuple, so its pixels will differ, too",
+        );
     }
     if global.dry_run {
         let planned =
@@ -88,7 +89,7 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     });
     progress.finish();
     let Some(tuple) = tuple else {
-        return Err(failure!(signals.exit(), "stopped by a signal: nothing is written"));
+        return Err(failure!(signals.exit(), "stopped by a signal: nothing was written"));
     };
     let trace_s = clock.elapsed().as_secs_f64();
     let tuple = tuple.map_err(|e| invalid(e.into()))?;
@@ -117,9 +118,9 @@ fn describe(args: &RenderArgs) -> String {
 /// tuple.
 fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
-    let text = std::fs::read_to_string(&args.scene)
-        .with_context(|| format!("cannot read {}; check the path", args.scene.display()))
-        .map_err(invalid)?;
+    let text = std::fs::read_to_string(&args.scene).map_err(|e| {
+        failure!(Exit::InvalidInput, "cannot read {}: {e}; check the path", args.scene.display())
+    })?;
     let given = Roots::parse(&args.roots.roots)?;
     let folder = args.scene.parent().map_or_else(PathBuf::new, Path::to_owned);
     let value = serde_json::from_str::<serde_json::Value>(&text).unwrap_or_default();
@@ -131,8 +132,8 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     if record.tracer_version != TRACER_VERSION {
         return Err(failure!(
             Exit::Disagrees,
-            "the tuple was made by tracer version {}, this program has {TRACER_VERSION}: its pixels would differ; use \
-             the version that made it, or render its \"scene\" as a scene file",
+            "tracer version {} made the tuple, but this program has {TRACER_VERSION}: its pixels would differ; use \
+             that version, or render its \"scene\" as a scene file",
             record.tracer_version
         ));
     }
@@ -193,13 +194,13 @@ impl fmt::Display for Rendered<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { out, scene, spp, layers, .. } = self;
         match self.target_error {
-            None => write!(f, "{scene}: {spp} samples a pixel")?,
+            None => write!(f, "{scene}: {spp} samples per pixel")?,
             Some(target) => {
                 let means = layers.values().filter_map(|layer| layer.mean_samples);
                 let most = means.fold(0.0, f64::max);
                 write!(
                     f,
-                    "{scene}: {most:.0} samples a pixel on average for cells within {target:.1e}"
+                    "{scene}: {most:.0} samples per pixel on average, for a target error of {target:.1e}"
                 )?;
             }
         }

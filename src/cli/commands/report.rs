@@ -25,7 +25,7 @@ pub(super) struct ReportArgs {
     store: StoreArgs,
 }
 
-/// Damaged tuples to name; the page and --json list all.
+/// Largest number of damaged tuples in messages; the page and --json list all.
 const SHOWN: usize = 10;
 
 pub(super) fn run(args: &ReportArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -50,7 +50,7 @@ pub(super) fn warn(report: &Report, output: &Output) {
         ));
     }
     if let Some(more @ 1..) = report.damaged.len().checked_sub(SHOWN) {
-        output.warning(&format!("{more} more tuples are damaged; the page names them"));
+        output.warning(&format!("{more} more tuples are damaged; the page lists them"));
     }
 }
 

@@ -19,17 +19,17 @@ pub(super) struct RetryArgs {
     /// Scenes to try again
     #[arg(value_name = "SCENE", value_parser = parse_scene_id, required_unless_present = "all")]
     scenes: Vec<SceneId>,
-    /// All scenes in quarantine
+    /// Try all scenes in quarantine again
     #[arg(long, conflicts_with = "scenes")]
     all: bool,
-    /// Reset the named scenes, finished ones too: all their results are removed and traced again
+    /// Reset the named scenes, even finished ones: remove all their results, so that workers make them again
     #[arg(long, conflicts_with = "all")]
     anew: bool,
     #[command(flatten)]
     store: StoreArgs,
 }
 
-/// Scenes to name.
+/// Largest number of printed scenes.
 const SHOWN: usize = 20;
 
 pub(super) fn run(args: &RetryArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -70,7 +70,7 @@ impl fmt::Display for Shown<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Retried { scenes, attempts, results, was_finished } = &self.retried;
         if scenes.is_empty() {
-            return f.write_str("nothing is in quarantine");
+            return f.write_str("the quarantine is empty");
         }
         let were = if self.dry_run { "would be" } else { "were" };
         write!(f, "{} {were} ", scenes.len())?;
@@ -87,9 +87,9 @@ impl fmt::Display for Shown<'_> {
             write!(f, " and {more} more")?;
         }
         f.write_str(if *was_finished || self.is_local {
-            "\nstart `glasshouse work` (and in a farm `coordinate`) again"
+            "\nstart `glasshouse work` again (in a farm, also `coordinate`)"
         } else {
-            "\na running coordinator publishes them within seconds; if none runs, start it again"
+            "\na running coordinator publishes these scenes within seconds; if none is running, start one"
         })
     }
 }

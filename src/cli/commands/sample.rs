@@ -18,16 +18,16 @@ use std::path::{Path, PathBuf};
 pub(super) struct SampleArgs {
     /// Folder to write to
     dir: PathBuf,
-    /// Photographs to make
+    /// Number of photographs
     #[arg(long, value_name = "N")]
     count: u32,
-    /// Seed
+    /// Seed of the photographs
     #[arg(long, default_value_t = 2020)]
     seed: u64,
-    /// Pixels across [default: 1024; 256 for places]
+    /// Width, px [default: 1024; 256 for places]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     width: Option<u32>,
-    /// Pixels down [default: 768; 256 for places]
+    /// Height, px [default: 768; 256 for places]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     height: Option<u32>,
     /// Layout of the folder
@@ -39,20 +39,19 @@ pub(super) struct SampleArgs {
 enum SampleLayout {
     /// DIODE: PNG, depth in metres, mask.
     Diode,
-    /// PLACES365: JPEG by category, relative inverse depth in a folder beside it.
+    /// PLACES365: JPEG by category, relative inverse depth in a second folder.
     Places,
 }
 
-/// The photographs of a layout.
 struct Photographs {
     size: [u32; 2],
     /// Paths of the colour images, relative to the folder.
     color: Vec<PathBuf>,
-    /// Their other images, in words.
+    /// Description of the other images.
     with: &'static str,
-    /// Named roots for a recipe that uses them.
+    /// Named roots for a recipe that reads the photographs.
     roots: BTreeMap<&'static str, PathBuf>,
-    /// Such a recipe and its other roots.
+    /// Example of such a recipe, with its other roots.
     recipe: &'static str,
 }
 
@@ -112,7 +111,7 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
     Ok(Exit::Done)
 }
 
-/// Makes all `photographs` with `write`, unless this is a dry run.
+/// Makes all photographs with `write`; in a dry run, does nothing.
 fn make<P: Sync>(
     photographs: &[P],
     global: &Global,
@@ -161,7 +160,7 @@ impl fmt::Display for Sample<'_> {
         write!(
             f,
             "{verb} {count} photographs of {width} x {height} px with {with} in {dir}\n\
-             plan with them: glasshouse plan {recipe}"
+             to plan a run with them: glasshouse plan {recipe}"
         )?;
         roots.iter().try_for_each(|(name, folder)| write!(f, " --root {name}={folder}"))
     }

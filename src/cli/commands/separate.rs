@@ -23,9 +23,9 @@ use train::LEAST_PX;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct SeparateArgs {
-    /// Folder of a checkpoint; or of a stage or a run, for its best checkpoint (the newest if none was validated)
+    /// Folder of a checkpoint, or of a stage or run, for its best checkpoint (without validation, its newest)
     checkpoint: PathBuf,
-    /// Pictures, JPEG or PNG
+    /// JPEG or PNG pictures
     #[arg(required = true)]
     images: Vec<PathBuf>,
     /// Folder to write NAME.transmission.png and NAME.glass_reflection.png to
@@ -35,7 +35,7 @@ pub(super) struct SeparateArgs {
     network: NetworkArgs,
 }
 
-/// File name endings of T* and R~*.
+/// Endings of the file names of T* and R~*.
 const ENDINGS: [&str; 2] = ["transmission", "glass_reflection"];
 
 pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -140,7 +140,7 @@ impl fmt::Display for Separated<'_> {
     }
 }
 
-/// The files to write for each image. Two images must not share a file, and no input may be overwritten.
+/// Returns the files to write for each image. Fails if two images share a file, or a file is one of the inputs.
 fn targets(images: &[PathBuf], out: &Path) -> Result<Vec<[PathBuf; 2]>, Failure> {
     let real = |path: &Path| path.canonicalize().ok();
     let given: BTreeSet<PathBuf> = images.iter().filter_map(|path| real(path)).collect();
@@ -178,13 +178,13 @@ fn targets(images: &[PathBuf], out: &Path) -> Result<Vec<[PathBuf; 2]>, Failure>
     Ok(targets)
 }
 
-/// Reads a picture that is large enough for the networks.
+/// Reads a picture; fails if it is too small for the networks.
 fn readable(path: &Path) -> Result<RgbImage, String> {
     let picture = read_picture(path).map_err(|e| e.to_string())?;
     let (width, height) = picture.dimensions();
     if (width.min(height) as usize) < LEAST_PX {
         return Err(format!(
-            "{} has {width} x {height} px, but networks need at least {LEAST_PX} px a side",
+            "{} has {width} x {height} px, but networks need at least {LEAST_PX} px on each side",
             path.display()
         ));
     }

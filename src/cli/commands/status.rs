@@ -1,4 +1,4 @@
-//! `status RUN`, once or repeatedly.
+//! `status RUN`: prints the status once, or repeatedly with `--watch`.
 
 use crate::cli::args::{Global, ServerArgs, StoreArgs, parse_duration};
 use crate::cli::exit_code::{Exit, Failure};
@@ -32,16 +32,16 @@ pub(super) struct StatusArgs {
     server: ServerArgs,
 }
 
-/// Entries shown of each list: printed, and on the screen of --watch.
+/// Largest number of entries of each list: printed, and on the screen of --watch.
 const SHOWN: usize = 20;
 const SHOWN_WATCHING: usize = 6;
-/// Polls take at most a tenth of the time.
+/// Least ratio of the time between polls to the duration of a poll.
 const POLL_SHARE: u32 = 10;
 
-/// Escape codes: enter the alternate screen, without line wrap and cursor; and leave it.
+/// Escape codes that enter and leave the alternate screen, without line wrap and cursor.
 const ENTER: &str = "\x1b[?1049h\x1b[?7l\x1b[?25l";
 const LEAVE: &str = "\x1b[?25h\x1b[?7h\x1b[?1049l";
-/// Clears the screen.
+/// Escape code that clears the screen.
 const HOME: &str = "\x1b[H\x1b[2J";
 
 pub(super) fn run(args: &StatusArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -157,7 +157,7 @@ impl Screen {
 
     #[allow(clippy::unused_self, reason = "drawing needs an open screen")]
     fn draw(&self, text: &str) {
-        // One write, to avoid flicker.
+        // A single write avoids flicker.
         put(&format!("{HOME}{text}\n"));
     }
 }

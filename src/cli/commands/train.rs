@@ -21,11 +21,11 @@ use std::sync::Arc;
 use train::candle_core::Device;
 use train::{self, StepLosses, TrainSummary, Training, Watcher};
 
-/// Checkpoints to keep.
+/// Default number of checkpoints to keep.
 const KEEP: usize = 3;
-/// Validation scenes.
+/// Default number of validation scenes.
 const VALIDATE: usize = 8;
-/// Memory for examples.
+/// Default memory for cached examples, GB.
 const MEMORY_GB: f64 = 2.0;
 
 #[derive(Debug, ClapArgs)]
@@ -35,22 +35,22 @@ pub(super) struct TrainArgs {
     /// Networks to train; separation starts from the newest checkpoint of backtrack
     #[arg(long, value_enum)]
     stage: StageName,
-    /// Total number of steps; a training with fewer resumes
+    /// Total number of steps; an earlier training with fewer steps resumes
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..))]
     steps: u64,
-    /// Folder of real pairs: blended/ and transmission_layer/, or as SIR2 and CEILNet name them
+    /// Folder of real pairs in blended/ and transmission_layer/, or in the folders of SIR2 or CEILNet
     #[arg(long, value_name = "DIR", requires = "real_share")]
     real: Option<PathBuf>,
     /// Write a checkpoint every K steps [default: a twentieth of --steps, 10 to 1000]
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..))]
     checkpoint_every: Option<u64>,
-    /// Checkpoints to keep, besides the best
+    /// Number of checkpoints to keep, besides the best
     #[arg(long, value_name = "N", default_value_t = KEEP)]
     keep: usize,
-    /// Number of scenes of the split "test", from the first, on which every checkpoint is validated
+    /// Number of scenes that validate every checkpoint: the first ones of the split "test"
     #[arg(long, value_name = "N", default_value_t = VALIDATE)]
     validate: usize,
-    /// Write a grid of pictures every K steps; 0 for none [default: as --checkpoint-every]
+    /// Write a grid of pictures every K steps; 0 for none [default: that of --checkpoint-every]
     #[arg(long, value_name = "K")]
     pictures_every: Option<u64>,
     /// Memory for cached examples, GB; a data set that fits is read once
@@ -68,9 +68,9 @@ pub(super) struct TrainArgs {
     settings: SettingArgs,
 }
 
-/// Settings, which the first checkpoint freezes; later commands need not repeat them.
+/// Settings that the first checkpoint freezes; later commands need not repeat them.
 #[derive(Debug, Default, ClapArgs)]
-#[command(next_help_heading = "Settings (frozen by the first checkpoint; need not be repeated)")]
+#[command(next_help_heading = "Settings (frozen by the first checkpoint)")]
 struct SettingArgs {
     /// Image features: none, random (VGG-19 with random weights), or a file of torchvision's vgg19 weights (.safetensors
     /// or .pth) [default: none]
@@ -85,7 +85,7 @@ struct SettingArgs {
     /// Channels after the discriminator's first convolution [default: 64]
     #[arg(long, value_name = "N")]
     discriminator_width: Option<usize>,
-    /// Examples a step [default: 1]
+    /// Examples per step [default: 1]
     #[arg(long, value_name = "N")]
     batch: Option<usize>,
     /// Side of the square crop of an example, px [default: 256]
@@ -128,7 +128,7 @@ struct SettingArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum StageName {
-    /// BT-net alone: R~ -> R.
+    /// Only BT-net, R~ -> R.
     Backtrack,
     /// SP-net, I -> T and R~, with BT-net behind it.
     Separation,
@@ -155,14 +155,14 @@ enum ExampleName {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum PixelName {
-    /// tuple.exr: floating point.
+    /// tuple.exr, with floating-point pixels.
     Exr,
-    /// The PNGs.
+    /// The PNGs, with 8-bit pixels.
     Png,
 }
 
 impl SettingArgs {
-    /// `base`, overridden by the typed settings.
+    /// Returns `base`, overridden by the settings on the command line.
     fn over(&self, base: &TrainSettings) -> TrainSettings {
         let mut settings = base.clone();
         settings.features = match self.features.as_deref() {
@@ -212,7 +212,7 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
         let typed = args.settings.features.as_deref();
         if frozen.is_none() && typed == Some("random") {
             output.note(
-                "the features have random weights: this is not the paper's setting, and every checkpoint records it",
+                "the features have random weights, unlike the paper's; every checkpoint records this setting",
             );
         }
         let of_recipe = || recipe.as_ref().map(|recipe| recipe.settings.clone());
@@ -237,7 +237,7 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
     Ok(exit)
 }
 
-/// A stage of a run, with the defaults of the command line.
+/// Returns the training of a stage with the defaults of the command line.
 pub(super) fn training_of<'a>(
     run: &'a Run,
     store: &Store,
@@ -266,7 +266,7 @@ pub(super) fn training_of<'a>(
     }
 }
 
-/// Trains with progress and signals.
+/// Trains a stage, with progress and signals.
 pub(super) fn train(
     training: Training,
     global: &Global,
@@ -285,7 +285,7 @@ pub(super) fn train(
     Ok((summary, exit))
 }
 
-/// The recipe's `[train]`, if the run was planned with one.
+/// Reads the recipe's `[train]` table from the run's folder, if the recipe has one.
 pub(super) fn train_recipe(run: &Path) -> Result<Option<TrainRecipe>, Failure> {
     let path = run.join(TRAIN_RECIPE);
     let Ok(bytes) = std::fs::read(&path) else {

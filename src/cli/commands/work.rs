@@ -29,7 +29,7 @@ use std::time::{Duration, Instant};
 pub(super) struct WorkArgs {
     /// Folder of the run
     run: PathBuf,
-    /// Start no shard after this time (90, 90s, 55m, 2h), then exit with 75 if work is left
+    /// Time after which no shard starts (90, 90s, 55m, 2h); the command then exits with 75 if work is left
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     time_limit: Option<Duration>,
     #[command(flatten)]
@@ -40,7 +40,7 @@ pub(super) struct WorkArgs {
     cache: CacheArgs,
     #[command(flatten)]
     checkpoint: CheckpointArgs,
-    /// A scene without progress for this time counts as hung: the worker exits, others take over
+    /// Time without progress after which a scene counts as hung; the worker exits, and others take over
     #[arg(long, value_name = "S", default_value = "120", value_parser = parse_duration, help_heading = FARM)]
     hang_s: Duration,
     /// Name of this worker in messages and receipts [default: host and process]
@@ -49,7 +49,7 @@ pub(super) struct WorkArgs {
     /// Trace only these shards, as the child process of a worker
     #[arg(long, value_name = "SCENE:A-B", hide = true)]
     only: Option<Only>,
-    /// Misbehave: abort:SCENE, hang:SCENE, wrong:SCENE, slow:FACTOR (repeatable)
+    /// Fault to inject: abort:SCENE, hang:SCENE, wrong:SCENE, slow:FACTOR; repeatable
     #[arg(long = "fault", value_name = "FAULT", hide = true)]
     faults: Vec<crate::farm::Fault>,
 }
@@ -94,10 +94,9 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
     Ok(exit)
 }
 
-/// How to work on a run.
+/// Options of the work on a run.
 pub(super) struct How<'a> {
     deadline: Option<Instant>,
-    /// Folder of the run.
     run: &'a Path,
     roots: &'a [String],
     cache: Option<&'a CacheArgs>,
@@ -109,7 +108,7 @@ pub(super) struct How<'a> {
 }
 
 impl<'a> How<'a> {
-    /// For `run`: without queue and faults.
+    /// Returns the options of `run`: no queue and no faults.
     pub(super) fn alone(run: &'a Path, roots: &'a [String], checkpoint: Duration) -> Self {
         Self {
             deadline: None,
@@ -229,7 +228,7 @@ fn work_for(
     Ok((outcome, exit, start.elapsed()))
 }
 
-/// The child process: works on one task and prints signs of life (see [`crate::cli::isolate`]).
+/// Works on one task as a child process and prints signs of life (see [`crate::cli::isolate`]).
 fn work_only(
     run: &Run,
     store: &Store,
@@ -288,7 +287,6 @@ impl fmt::Display for Planned<'_> {
     }
 }
 
-/// The result of a worker.
 #[derive(Serialize)]
 pub(super) struct Worked<'a> {
     run: Cow<'a, str>,
@@ -338,20 +336,20 @@ impl fmt::Display for Worked<'_> {
             "{merged} tuples in {wall_s:.1} s ({shards_traced} shards traced, {shards_resumed} resumed"
         )?;
         if *already_merged > 0 {
-            write!(f, "; {already_merged} tuples existed")?;
+            write!(f, "; {already_merged} tuples existed before")?;
         }
         f.write_str(")")?;
         if !self.quarantined.is_empty() {
             write!(
                 f,
-                "; {} scenes in quarantine, see `glasshouse status RUN` (`glasshouse retry RUN SCENE` tries one again)",
+                "; {} scenes in quarantine: `glasshouse status RUN` lists them, `glasshouse retry RUN SCENE` tries one again",
                 self.quarantined.len()
             )?;
         }
         f.write_str(match self.stop {
             Some(Stop::Asked) => "; stopped by a signal; run the same command to resume",
             Some(Stop::TimeLimit) => "; time limit reached; run the same command to resume",
-            Some(Stop::Drained) => "; ended because too many scenes failed here",
+            Some(Stop::Drained) => "; ended because too many scenes failed on this machine",
             Some(Stop::Cancelled) => {
                 "; the run is cancelled: `glasshouse resume RUN`, then run the same command to continue"
             }

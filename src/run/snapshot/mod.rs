@@ -1,7 +1,7 @@
-//! Progress of a run: finished scenes, their workers, and the rate. It is read from the store and refreshed by reading
-//! only new objects. `status`, the page, metrics, the report, the coordinator and exit codes all use it.
+//! Progress of a run: finished scenes, their workers, and the rate. A snapshot comes from the store; a refresh reads
+//! only new objects. `status`, the page, metrics, the report, the coordinator and exit codes all use snapshots.
 //!
-//! `state` names the states, `refresh` reads the store, `status` adds up.
+//! `state` defines the states, `refresh` reads the store, `status` computes the numbers.
 
 mod refresh;
 mod state;
@@ -23,18 +23,18 @@ use std::time::{Instant, SystemTime};
 /// Objects that a snapshot reads in addition to tuples and quarantine records.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Scope {
-    /// The record of each tuple, to check that it belongs to this manifest and this version of the tracer. Local
-    /// stores, where reading is cheap, always check it; in other stores the names of the files decide without it.
+    /// Record of each tuple, to check that the tuple belongs to this manifest and this version of the tracer. In local
+    /// stores, where reading is cheap, snapshots always check it; in others, they may only check that all files exist.
     pub records: bool,
     pub partials: bool,
-    /// Attempts and provenance.
+    /// Records of attempts and provenance.
     pub workers: bool,
 }
 
 impl Scope {
-    /// For a reliable list of finished scenes.
+    /// Scope for a reliable list of finished scenes.
     pub const DONE: Self = Self { records: true, partials: false, workers: false };
-    /// For the number of finished scenes and shards.
+    /// Scope for the numbers of finished scenes and shards.
     pub const COUNTS: Self = Self { records: false, partials: true, workers: false };
     pub const STATUS: Self = Self { records: false, partials: true, workers: true };
 }
@@ -44,13 +44,13 @@ impl Scope {
 pub struct Snapshot {
     scope: Scope,
     plan: Arc<Plan>,
-    /// By index in the manifest.
+    /// Scenes, by index in the manifest.
     scenes: Vec<Scene>,
-    /// In the order in which they were seen.
+    /// Tuples, in the order in which this process saw them.
     tuples: Vec<SeenTuple>,
     attempts: BTreeMap<String, SeenAttempt>,
     pub control: Control,
-    /// Shards done at the refreshes of the last minutes.
+    /// Number of finished shards at each refresh of the last minutes.
     history: VecDeque<(Instant, u64)>,
 }
 
@@ -59,44 +59,42 @@ pub struct Snapshot {
 struct Plan {
     ids: Vec<SceneId>,
     shards: Vec<u32>,
-    /// Indices, sorted by id.
+    /// Indices of the scenes, sorted by id.
     by_id: Vec<usize>,
 }
 
 #[derive(Clone, Debug, Default)]
 struct Scene {
     is_done: bool,
-    /// Why it is in quarantine.
+    /// Reason for the quarantine, if any.
     reason: Option<Arc<str>>,
     partials: u32,
-    /// When its provenance was put.
+    /// Time when the provenance was put.
     receipt: Option<SystemTime>,
     provenance: Option<Arc<Provenance>>,
 }
 
-/// A tuple in the store.
 #[derive(Clone, Copy, Debug)]
 pub struct SeenTuple {
     /// Index of its scene in the manifest.
     pub scene: usize,
-    /// When this process saw it first; `None` if it was there at the first refresh.
+    /// Time when this process first saw the tuple; `None` if the first refresh found it.
     pub seen: Option<Instant>,
-    /// When it was put, by the store's clock.
+    /// Time of the put, by the store's clock.
     put: SystemTime,
 }
 
-/// An attempt in the store.
 #[derive(Clone, Debug)]
 pub struct SeenAttempt {
     pub record: AttemptRecord,
-    /// When this process saw this record first.
+    /// Time when this process first saw this record.
     pub seen: Instant,
-    /// When it was put, by the store's clock.
+    /// Time of the put, by the store's clock.
     put: SystemTime,
 }
 
 impl Snapshot {
-    /// An empty snapshot, before the first refresh.
+    /// Makes an empty snapshot, for the first refresh to fill.
     pub fn new(run: &Run, scope: Scope) -> Self {
         let ids: Vec<SceneId> = run.lines.iter().map(|line| line.id.clone()).collect();
         let mut by_id: Vec<usize> = (0..ids.len()).collect();
@@ -113,14 +111,14 @@ impl Snapshot {
         }
     }
 
-    /// Reads the store once.
+    /// Makes a snapshot and refreshes it once.
     pub fn take(run: &Run, store: &Store, scope: Scope) -> Result<Self, StoreError> {
         let mut snapshot = Self::new(run, scope);
         snapshot.refresh(run, store)?;
         Ok(snapshot)
     }
 
-    /// The state of the scene with this index in the manifest, as far as the scope shows it.
+    /// Returns the state of the scene with this index in the manifest, as far as the scope shows it.
     pub fn scene(&self, index: usize) -> SceneState {
         let scene = &self.scenes[index];
         if scene.is_done {
@@ -138,45 +136,45 @@ impl Snapshot {
         )
     }
 
-    /// The scene has a tuple.
+    /// True if the scene has a tuple.
     pub fn is_done(&self, index: usize) -> bool {
         self.scenes[index].is_done
     }
 
-    /// Why the scene is in quarantine, if it is and has no tuple.
+    /// Returns the reason for the quarantine of a scene without a tuple.
     pub fn reason(&self, index: usize) -> Option<&str> {
         let scene = &self.scenes[index];
         scene.reason.as_deref().filter(|_| !scene.is_done)
     }
 
-    /// Scenes that are neither done nor in quarantine.
+    /// Returns the indices of the scenes that are neither done nor in quarantine.
     pub fn missing(&self) -> impl Iterator<Item = usize> {
         let scenes = self.scenes.iter().enumerate();
         let missing = scenes.filter(|(_, scene)| !scene.is_done && scene.reason.is_none());
         missing.map(|(index, _)| index)
     }
 
-    /// Every scene is done or in quarantine.
+    /// True if every scene is done or in quarantine.
     pub fn is_finished(&self) -> bool {
         self.missing().next().is_none()
     }
 
-    /// Shards of a scene.
+    /// Returns the number of shards of a scene.
     pub fn shards(&self, index: usize) -> u32 {
         self.plan.shards[index]
     }
 
-    /// Provenance of the scene's tuple, if the scope includes it.
+    /// Returns the provenance of the scene's tuple, if the scope includes workers.
     pub fn provenance(&self, index: usize) -> Option<&Provenance> {
         self.scenes[index].provenance.as_deref()
     }
 
-    /// All tuples, in the order in which this process saw them.
+    /// Returns all tuples, in the order in which this process saw them.
     pub fn tuples(&self) -> &[SeenTuple] {
         &self.tuples
     }
 
-    /// Attempts at scenes without a tuple.
+    /// Returns the attempts at scenes without a tuple.
     pub fn attempts(&self) -> impl Iterator<Item = &SeenAttempt> {
         self.attempts.values().filter(|seen| {
             let scene = self.plan.index(seen.record.scene.as_str());

@@ -1,4 +1,4 @@
-//! Reading a run's store. Keys are listed each time; objects are read once.
+//! Reads a run's store: each refresh lists keys and reads only new objects.
 
 use super::{Scene, SeenAttempt, SeenTuple, Snapshot};
 use crate::run::attempts::AttemptRecord;
@@ -19,7 +19,7 @@ impl Snapshot {
     /// Lists all keys in the scope and reads new objects.
     pub fn refresh(&mut self, run: &Run, store: &Store) -> Result<(), StoreError> {
         self.control = Control::get(store)?;
-        // Before the tuples, so that a scene that is finished meanwhile drops its attempt, and no attempt is missed.
+        // Attempts come first: a scene that is finished meanwhile drops its attempt, and no attempt is missed.
         self.refresh_attempts(store)?;
         self.refresh_receipts(store)?;
         self.refresh_tuples(run, store)?;
@@ -30,8 +30,8 @@ impl Snapshot {
     }
 
     /// Like [`Self::refresh`], but finds new tuples by listing receipts (one key per scene), which the workers of a
-    /// farm put after the tuple. True if a receipt or a quarantine record has disappeared, so that [`Self::refresh`] is
-    /// due.
+    /// farm put after the tuple. Returns true if a receipt or a quarantine record has disappeared, so that
+    /// [`Self::refresh`] is due.
     pub fn refresh_news(&mut self, run: &Run, store: &Store) -> Result<bool, StoreError> {
         self.control = Control::get(store)?;
         self.refresh_attempts(store)?;
@@ -89,7 +89,7 @@ impl Snapshot {
         self.tuples.push(SeenTuple { scene, seen: is_new.then(Instant::now), put });
     }
 
-    /// True if a receipt has disappeared.
+    /// Lists receipts and reads new ones. Returns true if a receipt has disappeared.
     fn refresh_receipts(&mut self, store: &Store) -> Result<bool, StoreError> {
         let mut listed = vec![None; self.scenes.len()];
         for (key, put) in store.list_times(keys::RECEIPTS)? {
@@ -116,7 +116,7 @@ impl Snapshot {
         Ok(is_gone)
     }
 
-    /// True if a scene is no longer in quarantine.
+    /// Lists quarantine records and reads new ones. Returns true if a scene has left the quarantine.
     fn refresh_quarantine(&mut self, store: &Store) -> Result<bool, StoreError> {
         let listed = store.list(keys::QUARANTINE)?;
         let listed: BTreeSet<usize> = listed.iter().filter_map(|key| self.index_of(key)).collect();
@@ -170,7 +170,7 @@ impl Snapshot {
         })
     }
 
-    /// The scene of a key.
+    /// Returns the index of a key's scene.
     fn index_of(&self, key: &str) -> Option<usize> {
         self.plan.index(keys::scene_of(key)?)
     }

@@ -7,20 +7,20 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SceneState {
-    /// It has a tuple.
+    /// The scene has a tuple.
     Done,
-    /// It is left out until `retry`.
+    /// The run leaves the scene out until `retry`.
     Quarantined,
-    /// It has all partials, but no tuple.
+    /// The scene has all partials, but no tuple.
     Complete,
-    /// It has some partials, or a worker holds it.
+    /// The scene has some partials, or a worker holds it.
     Begun,
-    /// It has neither partials nor attempts.
+    /// The scene has neither partials nor attempts.
     Waiting,
 }
 
 impl SceneState {
-    /// The state of a scene without a tuple, of `shards` shards.
+    /// Returns the state of a scene of `shards` shards without a tuple.
     pub(crate) fn of_unfinished(
         is_quarantined: bool,
         partials: u32,
@@ -62,7 +62,7 @@ impl RunState {
         }
     }
 
-    /// Its name in JSON, metrics and on the page.
+    /// Returns the state's name in JSON, in metrics and on the page.
     pub fn name(self) -> &'static str {
         match self {
             Self::Running => "running",
@@ -73,25 +73,24 @@ impl RunState {
     }
 }
 
-/// A run's scenes and shards by their states.
+/// Numbers of a run's scenes and shards, by state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Counts {
-    /// Scenes of the manifest.
+    /// Number of scenes in the manifest.
     pub scenes: u64,
-    /// Scenes with a tuple.
+    /// Number of scenes with a tuple.
     pub merged: u64,
-    /// Scenes with partials and no tuple yet.
+    /// Number of scenes with partials and no tuple yet.
     pub started: u64,
     pub waiting: u64,
-    /// Shards of the manifest.
+    /// Number of shards in the manifest.
     pub shards: u64,
-    /// Shards of merged scenes, and partials.
+    /// Number of shards of merged scenes, plus partials of scenes that are neither merged nor in quarantine.
     pub shards_done: u64,
     /// Scenes in quarantine, in the manifest's order.
     pub quarantined: Vec<Quarantined>,
 }
 
-/// A scene in quarantine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Quarantined {
     pub scene: String,
@@ -100,12 +99,12 @@ pub struct Quarantined {
 }
 
 impl Counts {
-    /// Every scene has a tuple or is in quarantine.
+    /// True if every scene has a tuple or is in quarantine.
     pub fn is_finished(&self) -> bool {
         self.scenes_left() == 0
     }
 
-    /// Scenes that are neither done nor in quarantine.
+    /// Returns the number of scenes that are neither done nor in quarantine.
     pub fn scenes_left(&self) -> u64 {
         self.started + self.waiting
     }
@@ -116,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_those_of_the_json() {
+    fn names_equal_the_json_values() {
         for state in RunState::ALL {
             assert_eq!(serde_json::to_value(state).unwrap(), state.name());
         }

@@ -1,4 +1,4 @@
-//! A run in numbers: counts, rate, time left, workers.
+//! Computes a run's numbers: counts, rate, time left, workers.
 
 use super::state::{Counts, Quarantined, RunState};
 use super::{SeenTuple, Snapshot};
@@ -7,17 +7,17 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant, SystemTime};
 
-/// Rates are means over this time.
+/// Time over which rates are means.
 const RATE_OVER: Duration = Duration::from_mins(5);
 
 /// A run's numbers at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Status {
-    /// Scenes and shards by their states.
+    /// Numbers of scenes and shards, by state.
     #[serde(flatten)]
     pub counts: Counts,
     pub state: RunState,
-    /// The user's reason for pausing or cancelling it.
+    /// The user's reason for pausing or cancelling the run.
     pub reason: Option<String>,
     /// Running and lost attempts at scenes without a tuple.
     pub attempts: Vec<StandingAttempt>,
@@ -25,13 +25,13 @@ pub struct Status {
     pub workers: Vec<WorkerTuples>,
     /// Seconds since the newest tuple was put.
     pub last_tuple_s: Option<f64>,
-    /// Scenes a second over the last minutes.
+    /// Scenes per second over the last minutes.
     pub rate_scenes_per_s: Option<f64>,
     /// Seconds until the last tuple, by the rate of shards between refreshes, or else by the rate of scenes.
     pub eta_s: Option<f64>,
 }
 
-/// An attempt that has not ended in order.
+/// An attempt that is running or was lost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StandingAttempt {
     #[serde(flatten)]
@@ -42,18 +42,18 @@ pub struct StandingAttempt {
 /// A worker's tuples, by their provenance.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WorkerTuples {
-    /// Its name; `unknown` if the provenance has none.
+    /// Name of the worker; `unknown` if the provenance has none.
     pub worker: String,
-    /// Version of its program, for its newest tuple.
+    /// Version of the program that made its newest tuple.
     pub version: Option<String>,
-    /// Tuples that it made.
+    /// Number of tuples that the worker made.
     pub tuples: u64,
-    /// Seconds since its last.
+    /// Seconds since its newest tuple.
     pub last_tuple_s: f64,
 }
 
 impl Snapshot {
-    /// Scenes and shards by their states.
+    /// Counts scenes and shards by state.
     pub fn counts(&self) -> Counts {
         let mut counts = Counts { scenes: self.scenes.len() as u64, ..Counts::default() };
         for (index, scene) in self.scenes.iter().enumerate() {
@@ -76,7 +76,7 @@ impl Snapshot {
         counts
     }
 
-    /// The run in numbers, now.
+    /// Computes the run's present numbers.
     pub fn status(&self) -> Status {
         let counts = self.counts();
         let state = RunState::new(counts.is_finished(), self.control.state);
@@ -85,7 +85,7 @@ impl Snapshot {
         let newest = self.tuples.iter().map(|tuple| age(tuple.put)).min();
         let (mut scene_rate, mut shard_rate) = (None, None);
         if state == RunState::Running {
-            // This process's clock for tuples that it saw appear, the store's clock for others.
+            // Ages use this process's clock for tuples that it saw appear, and the store's clock for others.
             let age_of = |tuple: &SeenTuple| tuple.seen.map_or(age(tuple.put), |at| at.elapsed());
             scene_rate = rate(self.tuples.iter().map(age_of));
             shard_rate = self.shard_rate();
@@ -112,7 +112,7 @@ impl Snapshot {
         }
     }
 
-    /// This machine's time, or the store's newest if that is later, so that no age is negative.
+    /// Returns this machine's time, or the time of the newest put if that is later, so that no age is negative.
     fn now(&self) -> SystemTime {
         let newest = self.tuples.iter().map(|tuple| tuple.put).max();
         SystemTime::now().max(newest.unwrap_or(SystemTime::UNIX_EPOCH))
@@ -128,7 +128,7 @@ impl Snapshot {
         self.history.push_back((Instant::now(), done));
     }
 
-    /// Shards a second since the first refresh of the last minutes.
+    /// Returns the shards per second since the first refresh of the last minutes.
     fn shard_rate(&self) -> Option<f64> {
         let ((at, first), (_, last)) = (self.history.front()?, self.history.back()?);
         let (seconds, shards) = (at.elapsed().as_secs_f64(), last.saturating_sub(*first));
@@ -162,7 +162,7 @@ impl Snapshot {
     }
 }
 
-/// Tuples per second over the last minutes, from the ages of all tuples; the first recent tuple only starts the clock.
+/// Computes recent tuples per second from the ages of all tuples. The first recent tuple only starts the clock.
 fn rate(ages: impl Iterator<Item = Duration>) -> Option<f64> {
     let recent: Vec<Duration> = ages.filter(|age| *age < RATE_OVER).collect();
     let oldest = recent.iter().max()?.as_secs_f64();
@@ -174,14 +174,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_rate_is_that_of_the_last_minutes() {
+    fn the_rate_covers_the_last_minutes() {
         let ages = |seconds: &[u64]| rate(seconds.iter().map(|&s| Duration::from_secs(s)));
         assert_eq!(ages(&[]), None);
         assert_eq!(ages(&[4]), None);
         assert_eq!(ages(&[400, 500]), None);
         assert_eq!(ages(&[0, 0]), None);
         assert_eq!(ages(&[10, 0, 5]), Some(0.2));
-        // No tuple came for long: the rate falls.
+        // The rate decreases while no tuple appears.
         assert_eq!(ages(&[110, 100, 105, 9999]), Some(2.0 / 110.0));
     }
 }

@@ -24,27 +24,27 @@ pub(super) struct BenchErrorArgs {
     /// Scene (glasshouse.scene/1) [default: a built-in pair, 256 x 256 px]
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Folder of four reference images (LAYER.exr as `render` writes them, or ref_LAYER.npy) [default: rendered]
+    /// Folder of four reference images, as `render` writes them or named ref_LAYER.npy [default: rendered]
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
     /// Folder for error.csv, error.json, error.svg and the rendered reference
     #[arg(long, value_name = "DIR", default_value = "runs/bench-error")]
     out: PathBuf,
-    /// Samples a pixel of the ladder, powers of two
+    /// Sample counts to measure, per pixel, powers of two
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = parse_spp,
           default_value = "1,2,4,8,16,32,64,128,256,512,1024")]
     spp: Vec<u32>,
-    /// Samples a pixel of the rendered reference, a power of two
+    /// Samples per pixel of the rendered reference, a power of two
     #[arg(long, value_name = "N", value_parser = parse_spp, default_value = "16384", conflicts_with = "reference")]
     reference_spp: u32,
-    /// Seeds to average over
+    /// Number of seeds to average over
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]
     seeds: u32,
     #[command(flatten)]
     roots: RootArgs,
 }
 
-/// Photographs and film of the built-in scene, px.
+/// Sizes of the photographs and the film of the built-in scene, px.
 const BUILTIN_SIZE: [u32; 2] = [1024, 768];
 const BUILTIN_FILM_PX: u32 = 256;
 
@@ -85,7 +85,7 @@ pub(super) fn run(
     }
 
     let signals = Signals::catch();
-    let stopped = || failure!(signals.exit(), "stopped by a signal: no table is written");
+    let stopped = || failure!(signals.exit(), "stopped by a signal: no table was written");
     let isa = isa(global)?;
     let threads = threads(global);
     let bench = Bench { global, threads, isa, signals: &signals };
@@ -100,7 +100,7 @@ pub(super) fn run(
     }
     let reference = reference.ok_or_else(stopped)?;
     if reference.record.is_some() && reference.reused {
-        output.note(&format!("the reference in {} matches and is reused", reference.dir.display()));
+        output.note(&format!("reusing the reference in {}", reference.dir.display()));
     }
     let rows = bench
         .with_progress(ladder.samples(pixels), |work| climb(&scene, &ladder, &reference, work))?;
@@ -124,7 +124,7 @@ pub(super) fn run(
     Ok(Exit::Done)
 }
 
-/// Renders with progress.
+/// Settings of a rendering with progress.
 struct Bench<'a> {
     global: &'a Global,
     threads: usize,
@@ -174,7 +174,7 @@ impl fmt::Display for Planned<'_> {
         let Self { scene, out, spp, seeds, .. } = self;
         write!(
             f,
-            "would render scene {scene} with {} sample counts, {} kinds of sampling and {seeds} seeds, and write error.csv, \
+            "would render scene {scene} with {} sample counts, {} sampling methods and {seeds} seeds, and write error.csv, \
              error.json and error.svg to {out}",
             spp.len(),
             VARIANTS.len(),

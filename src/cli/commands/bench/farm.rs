@@ -1,4 +1,4 @@
-//! `bench farm`: the farm measured with real processes, or simulated.
+//! `bench farm`: measures the farm with real processes, or simulates it.
 
 use crate::bench::cpu_name;
 use crate::bench::farm::{FarmBenchError, Setup, makespan, overhead, resume, simulate};
@@ -14,7 +14,7 @@ use std::fmt;
 
 const SCHEMA: &str = "glasshouse.bench_farm/1";
 
-/// Most processes to start.
+/// Largest number of worker processes.
 const MOST_WORKERS: u32 = 256;
 
 #[derive(Debug, ClapArgs)]
@@ -32,17 +32,17 @@ pub(super) struct BenchFarmArgs {
     /// NATS server to measure with [default: a temporary one, if nats-server is installed]
     #[arg(long, value_name = "URL", conflicts_with = "simulate")]
     queue: Option<String>,
-    /// Measurements, with --makespan and --resume
+    /// Number of measurements, with --makespan and --resume
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     passes: u32,
 
-    /// Workers, of one thread each; without a mode 1, 2, 4, ... up to this number
+    /// Number of workers, of one thread each; without a mode, 1, 2, 4, ... up to this number
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     workers: u32,
-    /// Scenes [default: 50; 5000 with --resume, 16 without a mode]
+    /// Number of scenes [default: 50; 5000 with --resume, 16 without a mode]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     scenes: Option<u32>,
-    /// Shards a scene [default: 16; 64 with --resume and without a mode]
+    /// Number of shards per scene [default: 16; 64 with --resume and without a mode]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     shards: Option<u32>,
     /// Seed of the costs, the network's jitter and the choice of donors
@@ -55,7 +55,7 @@ pub(super) struct BenchFarmArgs {
     #[arg(long, value_name = "S", default_value_t = 0.2, value_parser = parse_seconds)]
     load_s: f64,
 
-    /// Lease of a task in seconds, renewed three times per lease [default: 30; 2 with --makespan]
+    /// Duration of a lease in seconds; workers renew a lease three times in this time [default: 30; 2 with --makespan]
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     lease_s: Option<f64>,
     /// Round trip from a worker to the queue, milliseconds
@@ -71,10 +71,10 @@ pub(super) struct BenchFarmArgs {
     /// Slow down a worker (1x4: four times slower) or a share of all workers (10%x4); repeatable
     #[arg(long, value_name = "WxF|N%xF", value_parser = parse_slow)]
     slow: Vec<(Which, f64)>,
-    /// Stop a worker as SIGSTOP and SIGCONT do (2@5+60: at second 5 for 60 seconds), or a share of them (1%+60); repeatable
+    /// Suspend a worker, like SIGSTOP and SIGCONT (2@5+60: at second 5 for 60 seconds), or a share (1%+60); repeatable
     #[arg(long, value_name = "W@S+S|N%+S", value_parser = parse_stop)]
     stop: Vec<(Which, Option<f64>, f64)>,
-    /// Second at which the queue forgets everything; repeatable
+    /// Second at which the queue loses all its messages; repeatable
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     wipe: Vec<f64>,
     /// Disconnect the queue's server (20+60: from second 20 for 60 seconds); repeatable
@@ -100,11 +100,11 @@ struct Planned {
 impl fmt::Display for Planned {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let what = match self.mode {
-            Mode::Overhead => "real workers on a queue and inside one process",
-            Mode::Makespan => "real workers on a queue, tasks that sleep, twice",
-            Mode::Resume => "making and resuming a half-finished run",
+            Mode::Overhead => "the overhead of real workers on a queue and inside one process",
+            Mode::Makespan => "the makespan of real workers, without and with faults",
+            Mode::Resume => "the time to resume a half-finished run",
         };
-        write!(f, "would measure: {what}")
+        write!(f, "would measure {what}")
     }
 }
 
@@ -116,7 +116,7 @@ pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Res
     if args.workers > MOST_WORKERS {
         return Err(failure!(
             Exit::Usage,
-            "at most {MOST_WORKERS} workers are started; more can be simulated (--simulate)"
+            "--workers must be at most {MOST_WORKERS}, except with --simulate"
         ));
     }
     let mode = match (args.makespan, args.resume) {
@@ -163,7 +163,7 @@ fn measure(
             progress.finish();
             if !result.how.has_queue() {
                 output.warning(
-                    "there is no nats-server on this machine: only the queue inside a process was measured",
+                    "nats-server is not installed: only the queue inside a process was measured",
                 );
             }
             output.show(SCHEMA, &result);
@@ -197,7 +197,7 @@ exit_codes! {
     }
 }
 
-/// The case that the arguments describe, to simulate or to run.
+/// Builds the case to simulate or to run from the arguments.
 fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
     let lease_s = args.lease_s.unwrap_or(if args.simulate { 30.0 } else { 2.0 });
     let mut case = Case {
@@ -220,7 +220,7 @@ fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
     let workers = args.workers;
     let chosen = |which: Which, salt: u64| match which {
         Which::One(worker) if worker >= workers => {
-            Err(failure!(Exit::Usage, "there is no worker {worker}: they are 0 to {}", workers - 1))
+            Err(failure!(Exit::Usage, "no worker {worker}: the workers are 0 to {}", workers - 1))
         }
         Which::One(worker) => Ok(vec![(worker, 0.0)]),
         Which::Share(share) => Ok(some_workers(workers, share, args.seed ^ (salt << 32))),
@@ -250,11 +250,11 @@ fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
     Ok(case)
 }
 
-/// A worker's number, or a share of all.
+/// A worker's index, or a share of all workers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Which {
     One(u32),
-    /// 0..=1.
+    /// Share of all workers, 0..=1.
     Share(f64),
 }
 
@@ -269,24 +269,24 @@ fn parse_which(text: &str) -> Result<Which, String> {
     if let Some(percent) = text.strip_suffix('%') {
         let percent = parse_seconds(percent)?;
         if percent > 100.0 {
-            return Err(format!("{text} is more than all workers"));
+            return Err(format!("{text} is more than 100 % of the workers"));
         }
         return Ok(Which::Share(percent / 100.0));
     }
     text.parse()
         .map(Which::One)
-        .map_err(|_| format!("{text:?} is neither a worker's number, from 0, nor a share like 5%"))
+        .map_err(|_| format!("{text:?} is neither a worker's number (from 0) nor a share like 5%"))
 }
 
-/// A worker with a time, or a share without one: its times are drawn.
+/// Parses a worker with a time, or a share without one; the times of a share are random.
 fn parse_which_at(text: &str) -> Result<(Which, Option<f64>), String> {
     match text.split_once('@') {
         Some((which, at)) => match parse_which(which)? {
-            Which::Share(_) => Err("the times of a share are drawn: write N% alone".to_owned()),
+            Which::Share(_) => Err("the times of a share are random: write only N%".to_owned()),
             one @ Which::One(_) => Ok((one, Some(parse_seconds(at)?))),
         },
         None => match parse_which(text)? {
-            Which::One(_) => Err(format!("when? write {text}@SECOND")),
+            Which::One(_) => Err(format!("time missing: write {text}@SECOND")),
             share @ Which::Share(_) => Ok((share, None)),
         },
     }
@@ -294,23 +294,24 @@ fn parse_which_at(text: &str) -> Result<(Which, Option<f64>), String> {
 
 fn parse_slow(text: &str) -> Result<(Which, f64), String> {
     let (which, times) =
-        text.split_once('x').ok_or("how much slower? write WORKERxTIMES, like 1x4")?;
+        text.split_once('x').ok_or("factor missing: write WORKERxTIMES, like 1x4")?;
     let times = parse_seconds(times)?;
     if times < 1.0 {
-        return Err("1 or more times slower".to_owned());
+        return Err("the factor must be 1 or more".to_owned());
     }
     Ok((parse_which(which)?, times))
 }
 
 fn parse_stop(text: &str) -> Result<(Which, Option<f64>, f64), String> {
-    let (which, for_s) =
-        text.rsplit_once('+').ok_or("for how long? write WORKER@SECOND+SECONDS, like 2@5+60")?;
+    let (which, for_s) = text
+        .rsplit_once('+')
+        .ok_or("duration missing: write WORKER@SECOND+SECONDS, like 2@5+60")?;
     let (which, at_s) = parse_which_at(which)?;
     Ok((which, at_s, parse_seconds(for_s)?))
 }
 
 fn parse_away(text: &str) -> Result<(f64, f64), String> {
     let (at, how_long) =
-        text.split_once('+').ok_or("for how long? write SECOND+SECONDS, like 20+60")?;
+        text.split_once('+').ok_or("duration missing: write SECOND+SECONDS, like 20+60")?;
     Ok((parse_seconds(at)?, parse_seconds(how_long)?))
 }

@@ -26,10 +26,10 @@ pub(super) struct BenchTraceArgs {
     /// Leave out the built-in scenes
     #[arg(long, requires = "scene")]
     no_builtin: bool,
-    /// Passes; the result has their median and the best
+    /// Number of passes; results are their median and their best
     #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u16).range(1..=1000))]
     passes: u16,
-    /// Folder for rays, hits and vertices, for another ray tracer (rays.json lists them)
+    /// Folder to dump rays, hits and vertices to, for another ray tracer (rays.json describes them)
     #[arg(long, value_name = "DIR")]
     dump: Option<PathBuf>,
     #[command(flatten)]
@@ -38,11 +38,11 @@ pub(super) struct BenchTraceArgs {
 
 const SCHEMA: &str = "glasshouse.bench_trace/1";
 
-/// Photographs and film of the built-in scenes, px.
+/// Sizes of the photographs and the film of the built-in scenes, px.
 const BUILTIN_SIZE: [u32; 2] = [1024, 768];
 const BUILTIN_FILM_PX: u32 = 256;
 
-/// Steps of progress per scene.
+/// Number of progress steps per scene.
 const STEPS: u64 = 3;
 
 pub(super) fn run(
@@ -126,8 +126,8 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "one core{}, {} passes\n\nIntersection alone, millions of rays a second: median (best)\n\n{}\n\
-             Whole tracer, millions of camera samples a second (best), and of rays a second\n\n{}\n\
+            "one core{}, {} passes\n\nIntersection alone, millions of rays per second: median (best)\n\n{}\n\
+             Whole tracer, millions per second: camera samples, median (best), and rays, median\n\n{}\n\
              Grid and pyramid, milliseconds\n\n{}",
             on_cpu(),
             self.passes,

@@ -23,7 +23,7 @@ pub(super) struct BenchTrainArgs {
     /// Channels of the generators
     #[arg(long, value_name = "N", default_value_t = 64)]
     width: usize,
-    /// Images a step
+    /// Images per step
     #[arg(long, value_name = "N", default_value_t = 1)]
     batch: usize,
     /// Train without VGG-19: RGB input only, no feature losses
@@ -58,7 +58,7 @@ pub(super) fn run(
     let progress = Progress::new(global, "steps", u64::from(args.steps) + 1);
     let mut bench = TrainBench::new(&settings, args.size as usize, &Device::Cpu).map_err(failed)?;
     let mut steps = Vec::new();
-    // The first is a warm-up.
+    // The first step is a warm-up.
     for step in 0..=args.steps {
         let measured = bench.step().map_err(failed)?;
         progress.add(1, false);
@@ -160,12 +160,12 @@ impl fmt::Display for Report {
     }
 }
 
-/// The step with the least of a measure.
+/// Returns the step with the least value of a measure.
 fn least(steps: &[TrainStep], of: fn(&TrainStep) -> f64) -> Option<&TrainStep> {
     steps.iter().min_by(|a, b| of(a).total_cmp(&of(b)))
 }
 
-/// Peak memory of this process, if the system reports it.
+/// Returns the peak memory of this process, if the system reports it.
 fn peak_memory_bytes() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -31,7 +31,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     if global.dry_run {
         return plan_command::run(plan, global, output);
     }
-    // First of all, because the global thread pool can be built only once.
+    // This call comes first, because the global thread pool can be built only once.
     #[cfg(feature = "train")]
     crate::cli::network::use_threads(global);
     plan_with(plan, global, output)?;
@@ -47,7 +47,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     let store = Store::local(&folder)?;
     let mut report = None;
     if outcome.merged > 0 {
-        // Before the training, which takes long, so that the user can look at the tuples meanwhile.
+        // Training takes long: an early report lets the user look at the tuples meanwhile.
         report = Some(write_report(&run, &store, None)?);
     }
     let mut exit = exit;
@@ -61,7 +61,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
             exit = training.exit;
         }
         trained = Some(training);
-        // Written again below, with the training.
+        // The final report includes the training.
         report = None;
     }
     let report = report.map_or_else(|| write_report(&run, &store, None), Ok)?;

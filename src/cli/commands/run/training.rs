@@ -1,4 +1,4 @@
-//! The training of `run`, as the recipe's `[train]` asks.
+//! The training of `run`, with the settings of the recipe's `[train]` table.
 
 use crate::cli::args::Global;
 use crate::cli::commands::evaluate::{evaluate_run, evaluation_folder};
@@ -55,7 +55,7 @@ impl fmt::Display for Trained {
     }
 }
 
-/// Both stages and the scores; `None` if the recipe has no `[train]`.
+/// Trains both stages and scores the networks; returns `None` if the recipe has no `[train]` table.
 pub(super) fn training(
     folder: &Path,
     run: &Run,
@@ -73,7 +73,7 @@ pub(super) fn training(
     for (stage, steps) in stages.into_iter().filter(|(_, steps)| *steps > 0) {
         let settings = |_: Option<&TrainSettings>| recipe.settings.clone();
         let training = Training {
-            // Few validations: each takes longer than a step of small networks.
+            // A validation takes longer than a step of small networks, so only about four take place.
             checkpoint_every: Some((steps / 4).max(1)),
             ..training_of(run, &store, stage, steps, &settings)
         };
@@ -94,13 +94,13 @@ pub(super) fn training(
     Ok(Some(trained))
 }
 
-/// The scores that an earlier call wrote.
+/// Reads the scores of an earlier call.
 fn earlier_scores(run: &Path) -> Option<Scores> {
     let file = |ending: &str| {
         std::fs::read_to_string(evaluation_folder(run).join(format!("evaluation.{ending}")))
     };
     let json: Value = serde_json::from_str(&file("json").ok()?).ok()?;
-    // Pictures that were left out may be readable now: score again.
+    // Pictures that were unreadable may be readable now, so `run` must score again.
     if !json["left_out"].as_array()?.is_empty() {
         return None;
     }
