@@ -4,7 +4,7 @@ use render::ids::SceneId;
 use render::line::{LineError, Split};
 use render::scene::GeometryError;
 
-/// A recipe cannot be used, or cannot be expanded with its photographs.
+/// Error of a recipe, or of its expansion with photographs.
 #[derive(Debug, thiserror::Error)]
 pub enum RecipeError {
     /// The file is not TOML, or has an unknown key or a value of the wrong type. The source error names the location.
@@ -32,7 +32,7 @@ pub enum RecipeError {
         found: usize,
         /// Least number of photographs, two per split.
         needed: usize,
-        /// Splits that draw from this source.
+        /// Number of splits that draw from this source.
         splits: usize,
     },
     #[error(
@@ -46,8 +46,8 @@ pub enum RecipeError {
         source: GeometryError,
     },
     #[error(
-        "scene {id}: {parameter} is from_source, but {photograph} has no value: give it under \"values\" in the \
-         source's list, or write a number or a distribution"
+        "scene {id}: {parameter} is from_source, but {photograph} has no value: add it to \"values\" in the \
+         source's list, or replace from_source by a number or a distribution"
     )]
     NoValue { id: SceneId, parameter: String, photograph: String },
     #[error(
