@@ -1,8 +1,7 @@
 //! Finds the best factor of linear light for all pictures of a method.
 //!
 //! A ground truth photographed through the glass is about a tenth darker than one without glass. A method may learn
-//! either brightness, which is independent of reflection removal. The best factor shows the effect of brightness on a
-//! score.
+//! either brightness. The best factor separates the effect of brightness on a score from that of reflection removal.
 
 use super::EvaluateError;
 use super::score::{check_same_size, psnr_db};

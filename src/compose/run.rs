@@ -57,8 +57,7 @@ pub struct Scored {
 }
 
 /// Scores every picture unprocessed, with the gain, and by every method. Leaves out unreadable pictures for all
-/// methods, so that means cover the same pictures. Calls `on_picture` after each picture; `shrink` reduces the kept
-/// pictures.
+/// methods, so that means cover the same pictures. Calls `on_picture` after each; `shrink` reduces the kept pictures.
 pub fn run(
     subject: &dyn Subject,
     gain: Option<&Gain>,

@@ -9,7 +9,7 @@ use crate::cli::target;
 use crate::doctor::{available_bytes, bytes_text};
 use crate::export::{
     ExportFormat, ExportOptions, ExportPlan, ExportWork, Exported, FolderState, PixelEncoding,
-    export, estimate_bytes, look,
+    estimate_bytes, export, look,
 };
 use clap::{Args as ClapArgs, ValueEnum};
 use render::ids::SceneId;
