@@ -46,14 +46,14 @@ pub struct Index {
 #[derive(Debug, thiserror::Error)]
 pub enum IndexError {
     #[error(
-        "source {name}: cannot list {}: {source}; pass the right folder with --root {name}=DIR",
+        "source {name}: cannot list {}: {source}; pass --root {name}=DIR with the right folder",
         path.display()
     )]
     Read { name: String, path: PathBuf, source: io::Error },
     #[error(
         "source {name}: {} holds no photograph with depth of the form \
-         [train|val/](indoors|outdoor)/scene_*/scan_*/*.png with *_depth.npy beside it{}; pass the right \
-         folder with --root {name}=DIR",
+         [train|val/](indoors|outdoor)/scene_*/scan_*/*.png with *_depth.npy beside it{}; pass --root \
+         {name}=DIR with the right folder",
         path.display(), left_out(*without_depth)
     )]
     Empty {
@@ -63,8 +63,8 @@ pub enum IndexError {
         without_depth: usize,
     },
     #[error(
-        "source {name}: {} holds no photograph of a category in {table} with a depth map below {}{}; pass the right \
-         folders with --root {name}=DIR and --root {name}-depth=DIR",
+        "source {name}: {} holds no photograph of a category in {table} with a depth map below {}{}; pass --root {name}=DIR \
+         and --root {name}-depth=DIR with the right folders",
         path.display(), depth_path.display(), left_out(*without_depth)
     )]
     NoPlaces {
@@ -245,7 +245,7 @@ mod tests {
     fn a_folder_on_disk_is_walked_in_order() {
         let dir = tempfile::tempdir().unwrap();
         let error = index_source("diode", dir.path()).unwrap_err().to_string();
-        assert!(error.contains("with --root diode=DIR"), "{error}");
+        assert!(error.contains("pass --root diode=DIR"), "{error}");
 
         for name in ["indoors/scene_2/scan_1/x", "train/outdoor/scene_1/scan_1/y", "logs/scan_1/z"]
         {
