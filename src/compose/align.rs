@@ -1,8 +1,8 @@
 //! Measures the shift between two pictures by phase correlation of their gradient magnitudes (Kuglin and Hines, 1975).
 //!
 //! A picture with a reflection and its ground truth differ in brightness but share edges, so gradients correlate
-//! better. A filter makes the peak a Gaussian of 1 px. The logarithm of a Gaussian is a parabola, so three values give
-//! the subpixel position. The error on shifted noise is below 0.1 px, or 0.2 px after averaging blocks of 3 x 3 px.
+//! better. A filter makes the peak Gaussian, with sigma 1 px. The logarithm of a Gaussian is a parabola, so three values
+//! give the subpixel position. The error on shifted noise is below 0.1 px, or 0.2 px after averaging 3 x 3 px blocks.
 
 use super::EvaluateError;
 use super::score::{check_same_size, grey};
@@ -72,7 +72,7 @@ pub fn shift_px(a: &RgbImage, b: &RgbImage) -> Result<Shift, EvaluateError> {
 }
 
 /// Computes the gradient magnitudes of the grey picture, less their mean, and their width and height. A Hann window
-/// lets the magnitudes vanish at the borders, because the Fourier transform is periodic.
+/// reduces the magnitudes towards the borders, because the Fourier transform is periodic.
 fn edges(image: &RgbImage, block: usize) -> (Vec<f64>, usize, usize) {
     let full_width = image.width() as usize;
     let codes = grey(image);

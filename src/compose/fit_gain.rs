@@ -28,8 +28,7 @@ impl Gain {
     }
 }
 
-/// Fits the gain to the first readable pictures and lists unreadable ones. The gain is `None` if no picture is
-/// readable.
+/// Fits the gain to the first readable pictures, and lists unreadable pictures. The gain is `None` without pictures.
 pub fn fit_gain(
     subject: &dyn Subject,
     place: String,

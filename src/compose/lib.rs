@@ -1,4 +1,4 @@
-//! Scores of networks: finds, reads, scores and tabulates pictures with ground truth.
+//! Evaluates networks: finds, reads, scores and tabulates pictures with ground truth.
 //!
 //! ```text
 //! folders -> layout, pairs (pictures and their truths) -> picture (8-bit RGB) -> a network -> gain, score -> table

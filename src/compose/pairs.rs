@@ -18,9 +18,9 @@ pub struct Pair {
     pub blended: PathBuf,
     /// The picture without the reflection (T).
     pub transmission: PathBuf,
-    /// The reflection as the glass shows it (R~).
+    /// The reflection in the glass (R~).
     pub reflection: Option<PathBuf>,
-    /// The reflected scene itself (R).
+    /// The reflected scene without the glass (R).
     pub clean_reflection: Option<PathBuf>,
 }
 

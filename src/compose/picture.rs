@@ -38,7 +38,7 @@ pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateErr
         }
         read(path, JpegDecoder::new(reader).map_err(failed)?)?
     } else {
-        return Err(unreadable("it starts with the bytes of neither".to_owned()));
+        return Err(unreadable("its first bytes fit neither format".to_owned()));
     };
     picture.apply_orientation(orientation);
     if picture.color().has_alpha() && !is_opaque(&picture) {
@@ -60,7 +60,7 @@ pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateErr
     })
 }
 
-/// Returns the nearest 8-bit code; each has 257 codes of 16 bits.
+/// Rounds a 16-bit code to 8 bits. An 8-bit code covers 257 codes of 16 bits.
 fn narrow(code: u16) -> u8 {
     ((u32::from(code) + 128) / 257) as u8
 }

@@ -200,7 +200,7 @@ mod tests {
         path
     }
 
-    /// Makes pairs: equal, darker, small, of different sizes, and with a missing picture.
+    /// Makes five pairs: equal, darker, small, with different sizes, and with a missing picture.
     fn pairs(folder: &Path) -> Vec<Pair> {
         let sizes = [
             ("equal", [24, 20], [24, 20], 1.0),

@@ -1,4 +1,4 @@
-//! Assigns photographs to scenes: every scene's id, its front and back photograph, and substitutes for excluded ones.
+//! Assigns ids, front and back photographs to scenes, and substitutes for excluded photographs.
 
 use super::diode::SourceImage;
 use super::draw::keyed;

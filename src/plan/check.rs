@@ -161,7 +161,7 @@ impl<'a> Checker<'a> {
         };
         match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
             Ok(pool) => pool.install(look),
-            // The system refuses new threads: use the caller's pool.
+            // The system cannot start threads: run in the caller's pool.
             Err(_) => look(),
         }
     }

@@ -20,7 +20,7 @@ const MANIFEST_ROOT: &str = "manifest";
 /// A parsed recipe or manifest with its photographs listed; nothing is drawn or written yet.
 pub(super) struct Content {
     pub(super) name: String,
-    /// Root folders for the spec; relative ones are below the run's folder.
+    /// Root folders for the spec; relative paths are below the run's folder.
     pub(super) roots: BTreeMap<String, PathBuf>,
     /// Remarks about the listing of photographs.
     notes: Vec<String>,
@@ -40,11 +40,11 @@ enum Scenes {
     Lines(Vec<SceneLine>),
 }
 
-/// Scenes with notes.
+/// Scenes of a plan, with notes.
 pub(super) struct Draft {
     pub(super) lines: Vec<SceneLine>,
     pub(super) notes: Vec<String>,
-    /// Draws rejected after their preview.
+    /// Draws that the previews rejected.
     pub(super) rejected: Vec<RejectedScene>,
     /// Procedural photographs that the scenes use.
     pub(super) to_make: Vec<ProceduralPhotograph>,

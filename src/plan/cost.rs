@@ -10,7 +10,7 @@ const PARTIAL_BYTES: f64 = 144.0;
 /// Bytes per pixel of one layer of a tuple, in `tuple.exr` (half floats) and a PNG. Measurements at 256 x 256 px and
 /// 256 samples gave 5.2 on published photographs and 4.5 on the smoke recipe.
 const HALF_LAYER_BYTES: f64 = 5.3;
-/// Bytes per pixel of one layer with single floats in `tuple.exr`; 12.1 measured on the smoke recipe.
+/// Bytes per pixel of one layer with single floats in `tuple.exr`. The smoke recipe gave 12.1.
 const FLOAT_LAYER_BYTES: f64 = 13.0;
 /// Other bytes per scene: its manifest line, `tuple.json`, the receipt.
 const SCENE_BYTES: f64 = 6_000.0;
@@ -57,7 +57,7 @@ pub struct Cost {
     pub input_bytes: Option<u64>,
     /// Size of all partials: an upper bound, reached if several workers share every scene.
     pub partial_bytes: u64,
-    /// Largest size of the partials on disk at one time with one worker, which has only those of its open scenes.
+    /// Largest size of the partials on disk at one time with one worker: the partials of its open scenes.
     pub partial_bytes_at_a_time: u64,
     pub tuple_bytes: u64,
     /// Size of the tuples, the partials at one time, and the procedural photographs.

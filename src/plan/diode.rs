@@ -23,9 +23,9 @@ pub struct SourceImage {
     pub depth_range: Option<DepthRange>,
     pub mask: Option<String>,
     pub place: Place,
-    /// Folder of the scene.
+    /// Name of the scene's folder.
     pub scene: String,
-    /// Folder of the scan: the views from one standpoint.
+    /// Name of the scan's folder. A scan has the views from one standpoint.
     pub scan: String,
     /// For a photograph of a list: the whole side, named `color`. It replaces the source's keys and the other paths.
     pub side: Option<Side>,
@@ -143,7 +143,7 @@ pub(super) fn files_below(
     Ok(found)
 }
 
-/// True if a layout has photographs below a folder of the name `path`.
+/// True if the layout has photographs below a folder with this path.
 fn may_hold_photographs(path: &str) -> bool {
     let mut parts = path.split('/').peekable();
     parts.next_if(|part| matches!(*part, "train" | "val"));

@@ -1,4 +1,4 @@
-//! Turns a recipe or a manifest into scene lines whose input files have been checked.
+//! Turns a recipe or a manifest into scene lines with checked input files.
 
 use super::check::{Checker, InvalidInput};
 use super::content::{self, Content, Draft};
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 pub struct Drafted {
     /// Name of the recipe or manifest.
     pub name: String,
-    /// Root folders; relative ones are below the run's folder.
+    /// Root folders; relative paths are below the run's folder.
     pub roots: BTreeMap<String, PathBuf>,
     pub lines: Vec<SceneLine>,
     /// Remarks for the user: images without depth, pairs of one place or scan, repeated draws.
@@ -30,7 +30,7 @@ pub struct Drafted {
     pub left_out_kind: &'static str,
     /// Names of the photographs or scenes that the plan leaves out.
     pub left_out: BTreeSet<String>,
-    /// Total size of the input files; `None` if they were not checked.
+    /// Total size of the input files; `None` if planning does not check them.
     pub input_bytes: Option<u64>,
     /// Procedural photographs that the scenes use.
     pub to_make: Vec<ProceduralPhotograph>,

@@ -5,7 +5,7 @@
 use super::param::{Normal, Param};
 use std::collections::BTreeMap;
 
-/// The key of the random numbers of one scene.
+/// Generator of the random numbers of one scene.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Draw<'a> {
     pub dataset_seed: u64,

@@ -73,7 +73,7 @@ pub fn rejected_lines(rejected: &[RejectedScene]) -> String {
     rejected.iter().map(line).collect()
 }
 
-/// Draws all scenes of a recipe, with previews if it needs them.
+/// Draws all scenes of a recipe, with previews if the recipe needs them.
 pub(super) fn draw_all(
     recipe: &Recipe,
     images: &BTreeMap<String, Vec<SourceImage>>,
@@ -110,7 +110,7 @@ fn preview_all(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(context.threads);
     let kept = match pool.build() {
         Ok(pool) => pool.install(all),
-        // The system refuses new threads: use the caller's pool.
+        // The system cannot start threads: run in the caller's pool.
         Err(_) => all(),
     };
     let mut scenes = DrawnScenes { expansion: Expansion::default(), rejected: Vec::new() };

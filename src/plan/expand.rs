@@ -113,7 +113,7 @@ pub(super) fn draw_line(
         line.camera.white_balance = white_balance;
         line.glass = glass(recipe, draw_of(attempt));
         line.validate().map_err(|source| RecipeError::Line { id: id.clone(), source })?;
-        // Only loading the scene determines the distance of a focus on a photograph; it checks the geometry again.
+        // The distance of a focus on a photograph is known after loading the scene, which checks the geometry again.
         let inverse_focus_distance_per_m = match line.camera.focus {
             Focus::Distance { distance_m } => 1.0 / distance_m,
             Focus::At { .. } => 0.0,

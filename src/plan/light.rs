@@ -5,7 +5,7 @@ use super::param::Param;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// `[light]`
+/// `[light]`: luminance scale, white balance and exposure.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LightRecipe {

@@ -30,7 +30,7 @@ pub enum ListError {
     Empty,
 }
 
-/// One line; `side` has the remaining keys.
+/// A line of the list; `side` has the remaining keys.
 #[derive(Deserialize)]
 struct Listed {
     schema: String,
@@ -63,7 +63,7 @@ pub fn parse_list(text: &str) -> Result<Vec<SourceImage>, ListError> {
 fn parse_line(json: &str) -> Result<SourceImage, String> {
     let listed: Listed = serde_json::from_str(json).map_err(|error| {
         let text = error.to_string();
-        // serde_json sees only this line, so that its line number is always 1.
+        // serde_json parses only this line, so its line number is always 1.
         text.replace(" at line 1 column ", " at column ")
     })?;
     if listed.schema != PHOTOGRAPH_SCHEMA {

@@ -83,7 +83,7 @@ fn of<'a>(subset: &[&'a SourceImage], keep: impl Fn(&SourceImage) -> bool) -> Ve
     subset.iter().copied().filter(|image| keep(image)).collect()
 }
 
-/// Takes fronts alternately from `one` and `other`, backs from the opposite group.
+/// Takes fronts alternately from `one` and `other`, and backs from the opposite group.
 fn across<'a>(
     dataset_seed: u64,
     key: [&str; 2],
@@ -113,7 +113,7 @@ struct Deck<'k, 'a> {
     dataset_seed: u64,
     key: [&'k str; 3],
     round: u32,
-    /// Remaining photographs in reverse order.
+    /// Remaining photographs of the round, in reverse order.
     left: Vec<&'a SourceImage>,
 }
 

@@ -10,7 +10,7 @@ use std::fmt;
 /// A constant or a distribution.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Param {
-    /// `1.6`
+    /// `1.6`: a constant.
     Constant(f64),
     /// `{ uniform = [a, b] }`: uniform from a to b.
     Uniform([f64; 2]),
@@ -24,7 +24,7 @@ pub enum Param {
     FromSource,
 }
 
-/// A normal distribution truncated to `min` to `max` (not clamped).
+/// A normal distribution, truncated (not clamped) to values from `min` to `max`.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Normal {

@@ -5,7 +5,7 @@
 //! DEPTH_ROOT/ the same folders/NAME(.npy|.pfm|.exr|.png), or NAME_depth.*, or NAME-MODEL.* as MiDaS writes them
 //! ```
 //!
-//! A table names the categories and their depth ranges.
+//! A table lists the categories and their depth ranges.
 
 use super::diode::{Index, IndexError, SourceImage, files_below};
 use procedural::Place;
@@ -21,7 +21,7 @@ pub const DEPTH_RANGES_SCHEMA: &str = "glasshouse.depth_ranges/1";
 /// File name extensions of depth maps, in order of preference.
 const DEPTHS: [&str; 4] = ["npy", "pfm", "exr", "png"];
 
-/// `depth-ranges.toml`
+/// `depth-ranges.toml`: categories of PLACES365 with their depth ranges.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthRanges {
@@ -39,7 +39,7 @@ pub struct Category {
     pub place: Place,
     /// Metric range of relative depths.
     pub range: DepthRange,
-    /// Source of the range.
+    /// Reason for the range.
     pub why: String,
 }
 
@@ -58,7 +58,7 @@ pub enum DepthRangesError {
 }
 
 impl DepthRanges {
-    /// Returns the table that ships with the program, `manifests/depth-ranges.toml`: the paper's 34 categories.
+    /// Returns the table that ships with the program, `manifests/depth-ranges.toml`, with 34 categories.
     pub fn shipped() -> Self {
         Self::parse(include_str!("../../manifests/depth-ranges.toml"))
             .expect("the shipped table is tested")
@@ -136,7 +136,7 @@ impl DepthRanges {
                 mask: None,
                 place: category.place,
                 scene: name.to_owned(),
-                // The set does not tell which photographs show one place, so each is its own scan.
+                // The set has no marks for photographs of one place, so every photograph is its own scan.
                 scan: stem.to_owned(),
                 side: None,
                 values: BTreeMap::new(),
@@ -146,7 +146,7 @@ impl DepthRanges {
     }
 }
 
-/// The folders of a source.
+/// Paths of a source: folders of photographs and depth maps, and the table.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlacesFolders<'a> {
     pub color: &'a Path,

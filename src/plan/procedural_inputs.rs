@@ -60,7 +60,7 @@ pub fn make_photographs(
     };
     match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
         Ok(pool) => pool.install(make),
-        // The system refuses new threads: use the caller's pool.
+        // The system cannot start threads: run in the caller's pool.
         Err(_) => make(),
     }
 }

@@ -27,13 +27,13 @@ pub struct Recipe {
     /// Dataset seed of all draws, pairs and splits. Default 2020.
     #[serde(default = "default_seed")]
     pub seed: u64,
-    /// Film.
+    /// Film: size, samples and layers.
     #[serde(default)]
     pub film: FilmRecipe,
     /// Lens and focus.
     #[serde(default)]
     pub camera: CameraRecipe,
-    /// Pane.
+    /// Pane: position, thickness and material.
     #[serde(default)]
     pub glass: GlassRecipe,
     /// The side seen through the pane.
@@ -60,7 +60,7 @@ fn default_seed() -> u64 {
     2020
 }
 
-/// `[film]`
+/// `[film]`: size, samples and layers.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FilmRecipe {
@@ -100,7 +100,7 @@ impl Default for FilmRecipe {
     }
 }
 
-/// `[camera]`
+/// `[camera]`: lens and focus.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CameraRecipe {
@@ -125,7 +125,7 @@ impl Default for CameraRecipe {
     }
 }
 
-/// `[glass]`
+/// `[glass]`: position, thickness and material of the pane.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GlassRecipe {
@@ -153,7 +153,7 @@ impl Default for GlassRecipe {
     }
 }
 
-/// `[front]`
+/// `[front]`: light of the front.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FrontRecipe {
@@ -171,7 +171,7 @@ impl Default for FrontRecipe {
     }
 }
 
-/// `[back]`
+/// `[back]`: light and apex of the back.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct BackRecipe {
@@ -196,7 +196,7 @@ impl Default for BackRecipe {
     }
 }
 
-/// `[[split]]`
+/// `[[split]]`: a split with its numbers of scenes.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SplitRecipe {

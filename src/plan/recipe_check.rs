@@ -32,7 +32,7 @@ impl Recipe {
         self.check_train()
     }
 
-    /// Reports errors of `[train]` now, not after all scenes have been traced.
+    /// Reports errors of `[train]` before any scene is traced.
     fn check_train(&self) -> Result<(), RecipeError> {
         let Some(TrainRecipe { settings, .. }) = &self.train else {
             return Ok(());

@@ -22,7 +22,7 @@ pub enum RecipeError {
     /// A source lists a photograph twice, so the photograph could be in both splits.
     #[error("source {source_name} lists {color} twice: list each colour image once")]
     ListedTwice { source_name: String, color: String },
-    /// The source has too few photographs: splits share none, and each split needs two for a pair.
+    /// The source has too few photographs: splits share no photograph, and each split needs two for a pair.
     #[error(
         "source {source_name} has {found} photographs, but {splits} splits that share none need at \
          least {needed}: add photographs, or take this source out of a split"

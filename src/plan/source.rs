@@ -30,7 +30,7 @@ impl fmt::Display for Layout {
     }
 }
 
-/// `[sources.NAME]`
+/// `[sources.NAME]`: a set of photographs.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Source {

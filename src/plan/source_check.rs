@@ -7,7 +7,7 @@ use super::source::{Layout, Source};
 use render::line::{DepthKind, Fill, Intrinsics, Transfer};
 
 impl Source {
-    /// Checks the source; `key` is its place in the recipe.
+    /// Checks the source; `key` is the place of the source in the recipe.
     pub(super) fn check(&self, key: &str) -> Result<(), RecipeError> {
         use Layout::{Diode, List, Places, Sample};
         let keys: [(&str, bool, &[Layout]); 9] = [
