@@ -116,7 +116,7 @@ impl Recipe {
         for (name, source) in &self.sources {
             let key = format!("sources.{name}");
             if !is_root_name(name) {
-                return bad(&key, "must be named by two or more of [A-Za-z0-9_-]");
+                return bad(&key, "must have a name of two or more characters of [A-Za-z0-9_-]");
             }
             source.check(&key)?;
             if source.layout == Layout::Places && self.sources.contains_key(&depth_root(name)) {
@@ -264,7 +264,7 @@ mod tests {
                 "intrinsics = { fx = 0, fy = 1, cx = 1, cy = 1 }",
                 "sources.diode.intrinsics.fx is 0",
             ),
-            ("[sources.diode]", "[sources.d]", "sources.d must be named by two or more"),
+            ("[sources.diode]", "[sources.d]", "sources.d must have a name of two or more"),
             ("name = \"test\"", "name = \"train\"", "split train is given twice"),
             (
                 "name = \"test\"",
