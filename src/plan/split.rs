@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 
 /// Distributes the photographs of a source over splits in proportion to `shares` (all above 0).
 ///
-/// Every split gets at least two photographs, and some of each place if there are enough. The subsets depend only on
+/// Every split gets at least two photographs, and some of each place if possible. The subsets depend only on
 /// the seed, the source's name, the photographs and the shares.
 pub(super) fn split_photographs<'a>(
     dataset_seed: u64,
@@ -68,7 +68,7 @@ fn apportion(total: usize, weights: &[u32], least: &[usize]) -> Vec<usize> {
     let mut open: Vec<usize> = (0..weights.len()).collect();
     let mut left = total;
     let mut weight: u128 = weights.iter().map(|&w| u128::from(w)).sum();
-    // A split whose share is below its minimum gets the minimum, which lowers the share of the others.
+    // A split with a share below its minimum gets the minimum, which lowers the share of the others.
     while let Some(position) = open
         .iter()
         .position(|&k| (left as u128) * u128::from(weights[k]) < (least[k] as u128) * weight)
