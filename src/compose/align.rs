@@ -1,8 +1,8 @@
-//! The shift between two pictures: phase correlation of their gradient magnitudes.
+//! Measures the shift between two pictures by phase correlation of their gradient magnitudes (Kuglin and Hines, 1975).
 //!
-//! Gradients, because a picture with a reflection and its ground truth differ in brightness but share edges. Kuglin and
-//! Hines, 1975. The peak is shaped to a Gaussian of 1 px; its logarithm is a parabola, so three values give the subpixel
-//! position. The error on shifted noise is below 0.1 px, or 0.2 px after averaging blocks of 3 x 3 px.
+//! A picture with a reflection and its ground truth differ in brightness but share edges, so gradients correlate
+//! better. A filter makes the peak Gaussian, with sigma 1 px. The logarithm of a Gaussian is a parabola, so three values
+//! give the subpixel position. The error on shifted noise is below 0.1 px, or 0.2 px after averaging 3 x 3 px blocks.
 
 use super::EvaluateError;
 use super::score::{check_same_size, grey};
@@ -19,14 +19,14 @@ const MAX_SIDE_PX: usize = 1280;
 /// Standard deviation of the peak, px.
 const PEAK_PX: f64 = 1.0;
 
-/// Shift of the second picture's content from the first's.
+/// Shift of the second picture's content relative to the first's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shift {
     /// To the right, px.
     pub across: f64,
     /// Downwards, px.
     pub down: f64,
-    /// 1 for equal pictures, near 0 for unrelated or flat ones.
+    /// Height of the correlation peak: 1 for equal pictures, near 0 for unrelated or flat pictures.
     pub peak: f64,
 }
 
@@ -40,7 +40,7 @@ impl Shift {
     }
 }
 
-/// The shift from `a` to `b`, at most half a side. For flat pictures it is 0 with peak 0.
+/// Measures the shift from `a` to `b`, at most half a side. Flat pictures give a shift of 0 with peak 0.
 pub fn shift_px(a: &RgbImage, b: &RgbImage) -> Result<Shift, EvaluateError> {
     check_same_size(a, b)?;
     let longest = a.width().max(a.height()) as usize;
@@ -61,7 +61,7 @@ pub fn shift_px(a: &RgbImage, b: &RgbImage) -> Result<Shift, EvaluateError> {
     let peak = at(x, y);
     let across = between(at(x + width - 1, y), peak, at(x + 1, y));
     let down = between(at(x, y + height - 1), peak, at(x, y + 1));
-    // The correlation is periodic: the far half holds shifts to the left and upwards.
+    // The correlation is periodic: the far half has the shifts to the left and upwards.
     let signed =
         |place: usize, side: usize| place as f64 - if place > side / 2 { side as f64 } else { 0.0 };
     Ok(Shift {
@@ -71,8 +71,8 @@ pub fn shift_px(a: &RgbImage, b: &RgbImage) -> Result<Shift, EvaluateError> {
     })
 }
 
-/// Gradient magnitudes of the grey picture, less their mean, with a Hann window because the Fourier transform is periodic;
-/// width and height.
+/// Computes the gradient magnitudes of the grey picture, less their mean, and their width and height. A Hann window
+/// reduces the magnitudes towards the borders, because the Fourier transform is periodic.
 fn edges(image: &RgbImage, block: usize) -> (Vec<f64>, usize, usize) {
     let full_width = image.width() as usize;
     let codes = grey(image);
@@ -108,11 +108,11 @@ fn edges(image: &RgbImage, block: usize) -> (Vec<f64>, usize, usize) {
     (lengths, width, height)
 }
 
-/// Phase correlation by shift, row by row, with a Gaussian peak; 1 for a perfect match.
+/// Computes the phase correlation for every shift, row by row, with a Gaussian peak; 1 is a perfect match.
 fn correlate(a: &[f64], b: &[f64], width: usize, height: usize) -> Vec<f64> {
     let mut planner = FftPlannerScalar::new();
     let (rows, columns) = (planner.plan_fft_forward(width), planner.plan_fft_forward(height));
-    // Both are real: one transform of a + ib contains both transforms.
+    // `a` and `b` are real, so one transform of a + ib contains both transforms.
     let mut both: Vec<Complex64> = a.iter().zip(b).map(|(p, q)| Complex64::new(*p, *q)).collect();
     rows.process(&mut both);
     let mut both = transpose(&both, width, height);
@@ -147,7 +147,6 @@ fn correlate(a: &[f64], b: &[f64], width: usize, height: usize) -> Vec<f64> {
     phases.iter().map(|v| v.re / weights).collect()
 }
 
-/// Rows of `width` become columns.
 fn transpose(values: &[Complex64], width: usize, height: usize) -> Vec<Complex64> {
     let mut turned = Vec::with_capacity(values.len());
     for x in 0..width {
@@ -156,7 +155,7 @@ fn transpose(values: &[Complex64], width: usize, height: usize) -> Vec<Complex64
     turned
 }
 
-/// Position between -1/2 and 1/2 of the peak of a Gaussian, from its values at -1, 0 and 1.
+/// Computes the position of a Gaussian's peak, between -1/2 and 1/2, from the values at -1, 0 and 1.
 fn between(before: f64, top: f64, after: f64) -> f64 {
     let [before, top, after] = [before, top, after].map(|v| libm::log(v.max(1e-9)));
     let bend = before - 2.0 * top + after;
@@ -168,7 +167,7 @@ mod tests {
     use super::*;
     use image::Rgb;
 
-    /// A smooth random picture with subpixel shifts.
+    /// Makes a smooth random picture with a subpixel shift, plus a reflection with weight `extra`.
     fn picture(width: u32, height: u32, across: f64, down: f64, extra: f64) -> RgbImage {
         let hash = |i: i64, j: i64| -> f64 {
             let mut h = (i * 0x9e37_79b9 + j * 0x85eb_ca6b) as u64;
@@ -210,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn large_pictures_are_judged_alike() {
+    fn shifts_of_large_pictures_are_found() {
         for (across, aligned) in [(1.0, true), (2.0, false)] {
             let a = picture(3000, 1100, 0.0, 0.0, 0.5);
             let b = picture(3000, 1100, across, 0.0, 0.0);

@@ -11,12 +11,12 @@ pub enum EvaluateError {
     #[error("cannot read {} as a PNG or JPEG picture: {reason}; fetch or export it again", path.display())]
     Picture { path: PathBuf, reason: String },
     #[error(
-        "{} has {width} x {height} px; pictures have 1 to {MAX_SIDE} px a side and at most {MAX_PIXELS} in all",
+        "{} has {width} x {height} px; give a picture with 1 to {MAX_SIDE} px per side and at most {MAX_PIXELS} px in total",
         path.display()
     )]
     Size { path: PathBuf, width: u32, height: u32 },
     #[error(
-        "{} is transparent in places; flatten it onto a background and save it without an alpha channel",
+        "{} has transparent pixels; flatten it onto a background and save it without an alpha channel",
         path.display()
     )]
     Transparent { path: PathBuf },
@@ -32,7 +32,7 @@ pub enum EvaluateError {
     #[error(transparent)]
     Method(Box<dyn std::error::Error + Send + Sync>),
     #[error(
-        "{} holds no picture with its truth ({left_out_count} pictures without a partner); give a folder with blended/ and transmission_layer/, with NAME-input.png and NAME-label1.png, or with SIR2's m.jpg and g.jpg",
+        "{} has no picture with ground truth ({left_out_count} pictures without a partner); give a folder with blended/ and transmission_layer/, with NAME-input.png and NAME-label1.png, or with SIR2's m.jpg and g.jpg",
         path.display()
     )]
     NoPairs { path: PathBuf, left_out_count: usize },

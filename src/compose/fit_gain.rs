@@ -6,11 +6,11 @@ use super::subject::{LeftOut, Subject, Unread, read};
 use serde::Serialize;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Limits of the fit: number of pictures and, approximately, of pixels.
+/// Limits of the fit: number of pictures, and approximate number of pixels.
 const MOST_PICTURES: usize = 64;
 const MOST_PIXELS: u64 = 200_000_000;
 
-/// The best factor on the inputs' linear light.
+/// The best factor for the linear light of the inputs.
 #[derive(Clone, Debug, Serialize)]
 pub struct Gain {
     pub factor: f64,
@@ -28,8 +28,7 @@ impl Gain {
     }
 }
 
-/// Fits the gain to the first readable pictures and lists unreadable ones. The gain is `None` if no picture is
-/// readable.
+/// Fits the gain to the first readable pictures, and lists unreadable pictures. The gain is `None` without pictures.
 pub fn fit_gain(
     subject: &dyn Subject,
     place: String,
@@ -48,7 +47,7 @@ pub fn fit_gain(
             Err(Unread::Missing(_)) => {}
             Err(Unread::Unreadable(reason)) => left_out.push(LeftOut {
                 image: subject.name(index),
-                reason: format!("not among those that the gain is fitted to: {reason}"),
+                reason: format!("not used for the fit of the gain: {reason}"),
             }),
             Err(Unread::Fatal(error)) => return Err(EvaluateError::Subject(error)),
         }

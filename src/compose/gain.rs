@@ -1,7 +1,7 @@
-//! One factor on linear light for all of a method's pictures.
+//! Finds the best factor of linear light for all pictures of a method.
 //!
-//! A ground truth photographed through the glass is about a tenth darker than one without glass. Which of the two a method
-//! learnt says nothing about reflection removal; the best factor shows the effect of brightness on a score.
+//! A ground truth photographed through the glass is about a tenth darker than one without glass. A method may learn
+//! either brightness. The best factor separates the effect of brightness on a score from that of reflection removal.
 
 use super::EvaluateError;
 use super::score::{check_same_size, psnr_db};
@@ -14,11 +14,11 @@ const HUNDREDTHS: std::ops::RangeInclusive<u32> = 50..=200;
 /// Precision of the best factor.
 const NEAR: f64 = 1e-3;
 
-/// Least mean square error of a pair: keeps the PSNR of equal pictures finite, so that other pairs still count.
+/// Least mean square error of a pair. It makes the PSNR of equal pictures finite, so that other pairs still count.
 const LEAST_MEAN_SQUARE: f64 = 1e-4;
 
-/// The factor on the outputs' linear light, 0.5 to 2, with which the mean colour PSNR of the pairs (output, truth) is
-/// highest, to 0.001; 1 without pairs. Codes are rounded and clamped as in files.
+/// Finds the factor of the outputs' linear light, 0.5 to 2, that maximises the mean colour PSNR of the pairs (output,
+/// truth), to 0.001. Rounds and clamps codes as in files. Returns 1 without pairs.
 pub fn best_gain<'a>(
     pairs: impl IntoIterator<Item = (&'a RgbImage, &'a RgbImage)>,
 ) -> Result<f64, EvaluateError> {
@@ -40,7 +40,7 @@ pub fn best_gain<'a>(
         }
         mean
     };
-    // First, so that 1 wins ties.
+    // 1 comes first, so that it wins ties.
     mean_psnr_db(1.0);
     let (mut low, mut high) = (0.0, 0.0);
     let mut top = f64::NEG_INFINITY;
@@ -51,7 +51,7 @@ pub fn best_gain<'a>(
             (top, low, high) = (mean, gain - 0.01, gain + 0.01);
         }
     }
-    // Golden section. Rounded codes make the curve stepped, so the best of all tried factors is taken.
+    // Golden-section search. Rounded codes make the curve stepped, so the result is the best of all tried factors.
     let section = (5f64.sqrt() - 1.0) / 2.0;
     let (mut left, mut right) = (high - section * (high - low), low + section * (high - low));
     let (mut at_left, mut at_right) = (mean_psnr_db(left), mean_psnr_db(right));
@@ -69,7 +69,7 @@ pub fn best_gain<'a>(
     Ok(best.1.clamp(0.5, 2.0))
 }
 
-/// The picture with its linear light times `gain`, in sRGB codes.
+/// Multiplies the linear light of a picture by `gain` and returns sRGB codes.
 pub fn apply_gain(image: &RgbImage, gain: f64) -> RgbImage {
     let table = codes(&SrgbEncoder::new(), gain);
     let mut brighter = image.clone();
@@ -79,14 +79,14 @@ pub fn apply_gain(image: &RgbImage, gain: f64) -> RgbImage {
     brighter
 }
 
-/// The new code of each code.
+/// Returns the new code for each old code.
 fn codes(encoder: &SrgbEncoder, gain: f64) -> [u8; 256] {
     std::array::from_fn(|code| {
         encoder.encode((f64::from(srgb_to_linear(code as u8)) * gain) as f32)
     })
 }
 
-/// Count, sum and sum of squares of the truth's samples by the output's code: sufficient for the PSNR of any factor.
+/// Count, sum and sum of squares of the truth's samples by code of the output, which give the PSNR of any factor.
 struct CodeSums([[u64; 3]; 256]);
 
 impl CodeSums {

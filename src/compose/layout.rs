@@ -27,7 +27,7 @@ pub(super) enum Layout {
     CeilNet,
 }
 
-/// The role of all pictures of a folder of this name.
+/// Returns the role of all pictures in a folder of this name.
 pub(super) fn layer_folder(name: &str) -> Option<Role> {
     match name {
         "blended" => Some(Role::Blended),
@@ -38,21 +38,21 @@ pub(super) fn layer_folder(name: &str) -> Option<Role> {
     }
 }
 
-/// The name without the ending of a readable picture.
+/// Strips the ending of a readable picture from a name.
 pub(super) fn picture_stem(name: &str) -> Option<&str> {
     let (stem, ending) = name.rsplit_once('.')?;
     let known = ["jpg", "jpeg", "png"];
     known.iter().any(|k| ending.eq_ignore_ascii_case(k)).then_some(stem)
 }
 
-/// Whether a file is a picture in an unsupported format.
+/// True if a file is a picture in an unsupported format.
 pub(super) fn is_other_picture(name: &str) -> bool {
     let others = ["bmp", "gif", "tif", "tiff", "webp", "ppm", "pgm", "exr", "hdr", "heic", "avif"];
     name.rsplit_once('.')
         .is_some_and(|(_, ending)| others.iter().any(|k| ending.eq_ignore_ascii_case(k)))
 }
 
-/// Layout and role of a picture outside layer folders, and its pair's name: empty for the folder's name.
+/// Returns layout and role of a picture outside layer folders, and its pair's name: empty for the folder's name.
 pub(super) fn recognise(stem: &str) -> Option<(Layout, Role, String)> {
     let letter = |letter: &str| match letter {
         "m" => Some(Role::Blended),
@@ -70,7 +70,7 @@ pub(super) fn recognise(stem: &str) -> Option<(Layout, Role, String)> {
             return Some((Layout::CeilNet, role, name.to_owned()));
         }
     }
-    // The last part that is a letter; the first part is always the picture's own.
+    // The last part that is a role's letter gives the role. The first part always belongs to the name.
     let parts: Vec<&str> = stem.split('-').collect();
     let (place, role) =
         (1..parts.len()).rev().find_map(|place| Some((place, letter(parts[place])?)))?;
@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_tell_layout_and_role() {
+    fn names_determine_layout_and_role() {
         let found = |stem: &str| recognise(stem).unwrap();
         assert_eq!(found("g"), (Layout::Sir2Folders, Role::Transmission, String::new()));
         assert_eq!(found("7-m-11"), (Layout::Sir2Files, Role::Blended, "7-11".to_owned()));

@@ -1,8 +1,8 @@
-//! Scores of networks: finds, reads, scores and tabulates pictures with ground truth.
+//! Evaluates networks: finds, reads, scores and tabulates pictures with ground truth.
 //!
 //! ```text
 //! folders -> layout, pairs (pictures and their truths) -> picture (8-bit RGB) -> a network -> gain, score -> table
-//!                                                               `-> align (is the truth where the picture is?)
+//!                                                               `-> align (shift between picture and truth)
 //! ```
 //!
 //! [`run`] scores all pictures of a [`Subject`] (a folder of pairs, or the scenes of a run) for every [`Method`].

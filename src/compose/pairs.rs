@@ -16,26 +16,26 @@ pub struct Pair {
     pub name: String,
     /// The picture with the reflection (I).
     pub blended: PathBuf,
-    /// The picture without it (T).
+    /// The picture without the reflection (T).
     pub transmission: PathBuf,
-    /// The reflection as the glass shows it (R~).
+    /// The reflection in the glass (R~).
     pub reflection: Option<PathBuf>,
-    /// The reflected scene itself (R).
+    /// The reflected scene without the glass (R).
     pub clean_reflection: Option<PathBuf>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Found {
-    /// Sorted by the bytes of the name: `103` before `22`.
+    /// Pairs sorted by the bytes of their names: `103` before `22`.
     pub pairs: Vec<Pair>,
     /// Files and folders outside of pairs, with reasons, sorted by path.
     pub left_out: Vec<(PathBuf, String)>,
 }
 
-/// Finds the pairs of a folder and of all folders below it, in any of the layouts of [`super`]'s `layout.rs`, also mixed.
+/// Finds the pairs of a folder and of all folders below it, in any mixture of the layouts in `layout.rs`.
 ///
-/// Pictures without a partner, with ambiguous names or in other formats are listed with the reason. Hidden files, and other
-/// files outside of layer folders, are ignored.
+/// Lists pictures without a partner, with ambiguous names or in other formats with the reason. Ignores hidden files,
+/// and files outside layer folders that are not pictures.
 pub fn find_pairs(dir: &Path) -> Result<Found, EvaluateError> {
     let mut search = Search::default();
     search.folder(dir, dir, "", 0)?;
@@ -66,7 +66,7 @@ impl Search {
         depth: usize,
     ) -> Result<(), EvaluateError> {
         if depth > MAX_DEPTH {
-            self.leave_out(dir, &format!("lies more than {MAX_DEPTH} folders deep"));
+            self.leave_out(dir, &format!("is more than {MAX_DEPTH} folders deep"));
             return Ok(());
         }
         let within = |name: &str| match group {
@@ -81,7 +81,7 @@ impl Search {
                 }
             } else if let Some(stem) = picture_stem(&name) {
                 let Some((layout, role, own_name)) = recognise(stem) else {
-                    self.leave_out(&path, "its name does not say what it is; put it into blended/ or transmission_layer/, or name it NAME-input or NAME-label1");
+                    self.leave_out(&path, "its name fits no known layout; put it into blended/ or transmission_layer/, or name it NAME-input or NAME-label1");
                     continue;
                 };
                 let own_name = match (own_name.as_str(), group) {
@@ -97,7 +97,7 @@ impl Search {
         Ok(())
     }
 
-    /// Searches a layer folder, whose pictures share a role.
+    /// Searches a layer folder; all its pictures have the same role.
     fn layer(
         &mut self,
         dir: &Path,
@@ -116,7 +116,7 @@ impl Search {
         Ok(())
     }
 
-    /// Names and paths of the entries that are not hidden.
+    /// Lists names and paths of the entries that are not hidden.
     fn entries(&mut self, dir: &Path) -> Result<Vec<(String, PathBuf)>, EvaluateError> {
         let failed = |source| EvaluateError::Read { path: dir.to_owned(), source };
         let mut entries = Vec::new();
@@ -144,7 +144,7 @@ impl Search {
         let mut pairs = Vec::new();
         for ((name, _), files) in std::mem::take(&mut self.by_name) {
             let reason = if files.iter().any(|of_role| of_role.len() > 1) {
-                format!("several files stand for {name}; keep one of each kind")
+                format!("several files of {name} have one role; keep one of them")
             } else if files[Role::Blended as usize].is_empty() {
                 format!("{name} has no blended picture; add it")
             } else if files[Role::Transmission as usize].is_empty() {
@@ -186,9 +186,9 @@ impl Search {
     }
 }
 
-const NO_PICTURE: &str = "is no .jpg, .jpeg or .png; save it as one";
+const NO_PICTURE: &str = "is not a .jpg, .jpeg or .png file; save it as one";
 
-/// The folder's own name, or `picture` for a path without one.
+/// Returns the folder's own name, or `picture` for a path without a name.
 fn last_part(dir: &Path) -> String {
     let name = dir.file_name().and_then(|name| name.to_str());
     name.unwrap_or("picture").to_owned()
@@ -198,7 +198,7 @@ fn last_part(dir: &Path) -> String {
 mod tests {
     use super::*;
 
-    /// A folder with these empty files.
+    /// Makes a folder with these empty files.
     fn folder(files: &[&str]) -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
         for file in files {
@@ -245,12 +245,12 @@ mod tests {
         assert!(found.pairs[0].clean_reflection.is_some());
         let left_out = left_out(dir.path(), &found);
         let expected = [
-            ("blended/4.jpeg", "several files stand for 4"),
+            ("blended/4.jpeg", "several files of 4 have"),
             ("blended/4.png", "several files"),
             ("blended/alone.png", "no transmission"),
-            ("blended/notes.txt", "is no .jpg"),
-            ("scan.tiff", "is no .jpg"),
-            ("stray.png", "does not say what it is"),
+            ("blended/notes.txt", "is not a .jpg"),
+            ("scan.tiff", "is not a .jpg"),
+            ("stray.png", "fits no known layout"),
             ("transmission_layer/4.png", "several files"),
             ("transmission_layer/truth.png", "no blended"),
         ];
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn other_layouts_and_groups() {
+    fn pairs_are_found_in_other_layouts_and_subfolders() {
         let dir = folder(&[
             "wild/1/m.jpg",
             "wild/1/g.png",

@@ -1,6 +1,6 @@
 //! Reads pictures as upright 8-bit RGB.
 //!
-//! Samples count as sRGB codes: colour profiles and gamma chunks are ignored, as in the programs of published scores.
+//! Treats samples as sRGB codes. Ignores colour profiles and gamma chunks, like the programs of published scores.
 
 use super::EvaluateError;
 use image::codecs::{jpeg::JpegDecoder, png::PngDecoder};
@@ -15,17 +15,17 @@ use std::path::Path;
 const PNG_MAGIC: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
 const JPEG_MAGIC: [u8; 2] = [0xff, 0xd8];
 
-/// Reads a PNG or JPEG file, whatever its ending says. See [`decode_picture`].
+/// Reads a PNG or JPEG file, with any ending of its name. See [`decode_picture`].
 pub fn read_picture(path: &Path) -> Result<RgbImage, EvaluateError> {
     let bytes =
         fs::read(path).map_err(|source| EvaluateError::Read { path: path.to_owned(), source })?;
     decode_picture(path, &bytes)
 }
 
-/// Decodes the bytes of a PNG or JPEG file; `path` is for messages.
+/// Decodes the bytes of a PNG or JPEG file; `path` appears in messages.
 ///
-/// Applies the EXIF orientation. 16-bit samples become the nearest 8-bit ones, grey becomes three equal channels, an opaque
-/// alpha channel is dropped and any other is refused.
+/// Applies the EXIF orientation. Rounds 16-bit samples to 8 bits, expands grey to three equal channels, drops an opaque
+/// alpha channel and rejects any other alpha channel.
 pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateError> {
     let unreadable = |reason: String| EvaluateError::Picture { path: path.to_owned(), reason };
     let failed = |error: ImageError| unreadable(error.to_string());
@@ -34,11 +34,11 @@ pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateErr
         read(path, PngDecoder::with_limits(reader, limits()).map_err(failed)?)?
     } else if bytes.starts_with(&JPEG_MAGIC) {
         if !jpeg_is_whole(bytes) {
-            return Err(unreadable("it ends before the picture does".to_owned()));
+            return Err(unreadable("the end of the picture is missing".to_owned()));
         }
         read(path, JpegDecoder::new(reader).map_err(failed)?)?
     } else {
-        return Err(unreadable("it begins like neither".to_owned()));
+        return Err(unreadable("its first bytes fit neither format".to_owned()));
     };
     picture.apply_orientation(orientation);
     if picture.color().has_alpha() && !is_opaque(&picture) {
@@ -60,7 +60,7 @@ pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateErr
     })
 }
 
-/// The nearest 8-bit code: 257 codes of 16 bits to one of 8.
+/// Rounds a 16-bit code to 8 bits. An 8-bit code covers 257 codes of 16 bits.
 fn narrow(code: u16) -> u8 {
     ((u32::from(code) + 128) / 257) as u8
 }
@@ -122,7 +122,7 @@ mod tests {
         decode_picture(Path::new("a.png"), bytes)
     }
 
-    /// A JPEG of 16 x 8 px, left half red and right half blue, with this EXIF orientation.
+    /// Makes a JPEG of 16 x 8 px, with a red left half, a blue right half and this EXIF orientation.
     fn turned_jpeg(orientation: Option<u8>) -> Vec<u8> {
         let picture =
             RgbImage::from_fn(16, 8, |x, _| Rgb(if x < 8 { [220, 20, 20] } else { [20, 20, 220] }));
@@ -141,12 +141,12 @@ mod tests {
     }
 
     #[test]
-    fn pictures_stand_the_right_way_up() {
+    fn the_exif_orientation_is_applied() {
         let is_red = |image: &RgbImage, x, y| image.get_pixel(x, y)[0] > 128;
         let plain = decode(&turned_jpeg(None)).unwrap();
         assert!(plain.dimensions() == (16, 8) && is_red(&plain, 0, 4));
         assert_eq!(decode(&turned_jpeg(Some(1))).unwrap(), plain);
-        // 3: half a turn. 6: a quarter turn clockwise, left becomes top. 8: counterclockwise.
+        // 3 is half a turn, 6 a quarter turn clockwise (left becomes top), and 8 a quarter turn counterclockwise.
         let half = decode(&turned_jpeg(Some(3))).unwrap();
         assert!(half.dimensions() == (16, 8) && !is_red(&half, 0, 4));
         let clockwise = decode(&turned_jpeg(Some(6))).unwrap();
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_files_are_named() {
+    fn errors_name_damaged_files() {
         let mut cut = turned_jpeg(None);
         cut.truncate(cut.len() - 20);
         let mut huge = png(&[0; 3], 1, 1, ExtendedColorType::Rgb8);

@@ -12,19 +12,19 @@ use rayon::prelude::*;
 use std::error::Error;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Pictures in memory at once, with the outputs of all methods.
+/// Number of pictures in memory at once, with the outputs of all methods.
 const AT_ONCE: usize = 8;
-/// Pictures kept for the grid.
+/// Number of pictures kept for the grid.
 const KEPT: usize = 4;
 
-/// Makes a picture from an input.
+/// A method that makes a picture from an input.
 pub trait Method: Sync {
     /// Shortest accepted side, px.
     fn least_px(&self) -> u32 {
         1
     }
 
-    /// The output, with the size of the input.
+    /// Makes the output, which has the size of the input.
     fn make(&self, input: &RgbImage) -> Result<RgbImage, Box<dyn Error + Send + Sync>>;
 }
 
@@ -44,20 +44,20 @@ impl Method for Gain {
 
 #[derive(Default)]
 pub struct Scored {
-    /// Names of the methods: `input`, the gain, the given ones.
+    /// Names of the methods: `input`, the gain, and the given methods.
     pub methods: Vec<String>,
-    /// By method, then by picture.
+    /// Rows sorted by method, then by picture.
     pub rows: Vec<Row>,
     pub left_out: Vec<LeftOut>,
-    /// Shrunk outputs of each method, and the truth, for some evenly drawn pictures.
+    /// Reduced outputs of every method, and the truth, for some evenly spaced pictures.
     pub kept: Vec<Vec<RgbImage>>,
     pub done: usize,
-    /// The stop flag ended it early.
+    /// True if the stop flag ended the run early.
     pub stopped: bool,
 }
 
-/// Scores every picture unprocessed, with the gain, and by every method. Unreadable pictures are left out for all methods, so
-/// that means cover the same pictures. Calls `on_picture` after each; `shrink` reduces the kept pictures.
+/// Scores every picture unprocessed, with the gain, and by every method. Leaves out unreadable pictures for all
+/// methods, so that means cover the same pictures. Calls `on_picture` after each; `shrink` reduces the kept pictures.
 pub fn run(
     subject: &dyn Subject,
     gain: Option<&Gain>,
@@ -133,7 +133,7 @@ pub fn run(
     Ok(all)
 }
 
-/// A picture accepted by all methods, and the shift of its ground truth, px.
+/// Reads a picture that all methods accept, and measures the shift of its ground truth, px.
 fn readable(
     subject: &dyn Subject,
     index: usize,
@@ -143,7 +143,7 @@ fn readable(
     let (width, height) = pair.input.dimensions();
     if width.min(height) < least_px {
         return Err(Unread::Unreadable(format!(
-            "it has {width} x {height} px, and networks see nothing smaller than {least_px} px a side"
+            "it has {width} x {height} px, but networks need at least {least_px} px per side"
         )));
     }
     if subject.is_aligned() {
@@ -163,7 +163,7 @@ mod tests {
     use std::cell::Cell;
     use std::path::Path;
 
-    /// Changes the first pixel of the input.
+    /// A method that changes the first pixel of the input.
     struct Spot;
 
     impl Method for Spot {
@@ -200,7 +200,7 @@ mod tests {
         path
     }
 
-    /// Equal, darker, small, of another size than the truth, missing.
+    /// Makes five pairs: equal, darker, small, with different sizes, and with a missing picture.
     fn pairs(folder: &Path) -> Vec<Pair> {
         let sizes = [
             ("equal", [24, 20], [24, 20], 1.0),
@@ -242,9 +242,9 @@ mod tests {
         assert_eq!(rows[..2], [("input", "equal"), ("input", "dark")]);
         let left_out: Vec<&str> = scored.left_out.iter().map(|l| l.image.as_str()).collect();
         assert_eq!(left_out, ["small", "cropped", "lost"]);
-        assert!(scored.left_out[0].reason.contains("smaller than 16 px"));
+        assert!(scored.left_out[0].reason.contains("at least 16 px"));
         assert_eq!((seen.get(), scored.done, scored.stopped), (5, 5, false));
-        // The methods' pictures and the truth.
+        // A row has the pictures of three methods and the truth.
         assert!(scored.kept.iter().all(|row| row.len() == 4));
         let json = serde_json::to_value(MethodMeans::of("input", &scored.rows)).unwrap();
         assert_eq!((&json["images"], &json["psnr_colour_db"]), (&2.into(), &"inf".into()));

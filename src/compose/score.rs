@@ -1,19 +1,19 @@
-//! Peak signal-to-noise ratio and structural similarity of 8-bit pictures, under the two protocols that papers here use.
+//! Peak signal-to-noise ratio and structural similarity of 8-bit pictures, by the two protocols of published scores.
 //!
 //! | protocol | PSNR | SSIM |
 //! |---|---|---|
 //! | paper: Kim, Huo and Yoon, CVPR 2020 | one mean square over all channels | of the grey pictures |
 //! | errnet: Wei et al., CVPR 2019, and later work | of each channel, then the mean of three | of each channel, then the mean of three |
 //!
-//! Both: range 255, SSIM as [`ssim_grey`] has it (scikit-image's defaults).
+//! Both protocols use a range of 255 and the SSIM of [`ssim_grey`] (scikit-image's defaults).
 
 use super::EvaluateError;
 use crate::ssim_grey;
 use image::{Rgb, RgbImage};
 use serde::{Serialize, Serializer};
 
-/// Scores of a picture against its ground truth. As in scikit-image and numpy, the PSNR of equal pictures and every mean that
-/// includes it are infinite (`inf` in files); the means of no picture are NaN (null in JSON).
+/// Scores of a picture against its ground truth. As in scikit-image and numpy, the PSNR of equal pictures and every
+/// mean that includes it are infinite (`inf` in files); the mean of no pictures is NaN (null in JSON).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Scores {
     /// Paper protocol: PSNR of all samples of all channels together, dB.
@@ -30,8 +30,8 @@ pub struct Scores {
     pub ssim_channels: f64,
 }
 
-/// JSON has no infinite numbers.
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
+/// Writes infinity as `inf`, because JSON has no infinite numbers.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde requires a reference")]
 fn number<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
     if value.is_infinite() {
         serializer.serialize_str("inf")
@@ -41,7 +41,7 @@ fn number<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> 
 }
 
 impl Scores {
-    /// The mean of each score.
+    /// Computes the mean of each score.
     pub fn mean(scores: &[Self]) -> Self {
         let mean = |of: fn(&Self) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
         Self {
@@ -72,7 +72,7 @@ pub fn score(output: &RgbImage, truth: &RgbImage) -> Result<Scores, EvaluateErro
     })
 }
 
-/// PSNR of all channels together, dB; infinite for equal pictures.
+/// Computes the PSNR of all channels together, dB; infinite for equal pictures.
 pub fn psnr_colour_db(output: &RgbImage, truth: &RgbImage) -> Result<f64, EvaluateError> {
     check_same_size(output, truth)?;
     let sum: u64 = square_sums(output, truth).iter().sum();
@@ -93,12 +93,12 @@ pub(super) fn check_same_size(a: &RgbImage, b: &RgbImage) -> Result<(), Evaluate
     Ok(())
 }
 
-/// PSNR of a mean square of differences of codes, dB.
+/// Converts a mean square of code differences to a PSNR, dB.
 pub(super) fn psnr_db(mean_square: f64) -> f64 {
     10.0 * libm::log10(255.0 * 255.0 / mean_square)
 }
 
-/// Sums over all pixels of the squared differences, by channel.
+/// Sums the squared differences of all pixels, by channel.
 fn square_sums(a: &RgbImage, b: &RgbImage) -> [u64; 3] {
     let mut sums = [0; 3];
     for (Rgb(p), Rgb(q)) in a.pixels().zip(b.pixels()) {
@@ -109,8 +109,8 @@ fn square_sums(a: &RgbImage, b: &RgbImage) -> [u64; 3] {
     sums
 }
 
-/// Grey as OpenCV makes it of 8-bit colours: weights 0.299, 0.587, 0.114 in units of 2^-15, rounded. Rounding the exact sum
-/// instead differs by one code for 1 colour in 700.
+/// Converts 8-bit colours to grey like OpenCV: weights 0.299, 0.587, 0.114 in units of 2^-15, rounded. Rounding the
+/// exact sum instead differs by one code for 1 colour in 700.
 pub(super) fn grey(image: &RgbImage) -> Vec<u8> {
     let of = |&Rgb([r, g, b]): &Rgb<u8>| {
         (u32::from(r) * 9798 + u32::from(g) * 19235 + u32::from(b) * 3735 + (1 << 14)) >> 15
@@ -126,7 +126,7 @@ fn channel(image: &RgbImage, c: usize) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    /// The pictures of `tests/train/scores.py`.
+    /// Makes the pictures of `tests/train/scores.py`.
     fn pictures() -> (RgbImage, RgbImage) {
         let at = |x: u32, y: u32, c: u32| (x * x * 3 + y * 7 + x * y * (c + 2) + c * 41) % 251;
         let truth =

@@ -1,18 +1,18 @@
-//! Structural similarity (Wang, Bovik, Sheikh and Simoncelli, IEEE TIP 13, 2004), as scikit-image computes it by default.
+//! Structural similarity (Wang, Bovik, Sheikh and Simoncelli, IEEE TIP 13, 2004), with the defaults of scikit-image.
 
 /// Side of the window, px.
 const WINDOW: usize = 7;
 
-/// Mean structural similarity of two grey images of 8-bit range: 7 x 7 px uniform window, K1 = 0.01, K2 = 0.03, sample
-/// covariance (divided by 48), the mean over all windows inside the image. A smaller image is a single window.
+/// Computes the mean structural similarity of two grey images of 8-bit range over all windows inside the image: 7 x 7
+/// px uniform windows, K1 = 0.01, K2 = 0.03, sample covariance (divided by 48). A smaller image has smaller windows.
 ///
-/// Moving sums make the time independent of the window size. For integers they are exact.
+/// Moving sums, which are exact for integers, make the time independent of the window size.
 pub fn ssim_grey<T: Copy + Into<f64>>(a: &[T], b: &[T], width: usize, height: usize) -> f64 {
     let (c1, c2) = ((0.01 * 255.0f64).powi(2), (0.03 * 255.0f64).powi(2));
     let (across, down) = (WINDOW.min(width), WINDOW.min(height));
     let count = (across * down) as f64;
     let sample = count / (count - 1.0).max(1.0);
-    // Sums of p, q, p p, q q, p q of each column over the window's rows.
+    // Sums of p, q, p^2, q^2 and p q over the window's rows, for each column.
     let mut columns = vec![[0.0; 5]; width];
     let add_row = |columns: &mut [[f64; 5]], y: usize, sign: f64| {
         let row = y * width..(y + 1) * width;
@@ -55,10 +55,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn equal_images_score_1_and_constant_ones_by_luminance() {
+    fn equal_images_score_1_and_constant_images_differ_in_luminance() {
         let ramp: Vec<f64> = (0..20 * 12).map(|k| f64::from(k % 256)).collect();
         assert!((ssim_grey(&ramp, &ramp, 20, 12) - 1.0).abs() < 1e-12);
-        // Without structure the second factor is 1.
+        // Without structure, the second factor is 1.
         let (dark, bright) = (vec![50.0; 240], vec![100.0; 240]);
         let c1 = 6.5025;
         let expected = (2.0 * 50.0 * 100.0 + c1) / (50.0 * 50.0 + 100.0 * 100.0 + c1);
@@ -77,7 +77,7 @@ mod tests {
         assert!((found - SKIMAGE).abs() < 1e-9, "{found}");
     }
 
-    /// Each window summed anew.
+    /// Computes the similarity with separate sums for each window.
     fn slow(a: &[f64], b: &[f64], width: usize, height: usize) -> f64 {
         let (across, down) = (WINDOW.min(width), WINDOW.min(height));
         let (mut sum, mut windows) = (0.0, 0.0);

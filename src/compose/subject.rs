@@ -6,7 +6,7 @@ use image::RgbImage;
 use serde::Serialize;
 use std::error::Error;
 
-/// A picture and its ground truth, of one size.
+/// A picture and its ground truth, of equal size.
 pub struct WithTruth {
     pub input: RgbImage,
     pub truth: RgbImage,
@@ -23,20 +23,20 @@ pub enum Unread {
 /// A picture without scores.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
-    /// Name or file.
+    /// Name of the picture, or path of its file.
     pub image: String,
     pub reason: String,
 }
 
-/// Pictures with their truths, in order.
+/// An ordered set of pictures with ground truths.
 pub trait Subject: Sync {
     fn count(&self) -> usize;
     fn name(&self, index: usize) -> String;
-    /// Reads a picture; `read` checks it.
+    /// Reads a picture and its truth, which may have different sizes.
     fn read(&self, index: usize) -> Result<WithTruth, Unread>;
-    /// Pictures and truths are aligned by construction, so no shift is measured.
+    /// True if pictures and truths are aligned by construction, so that their shifts need no measurement.
     fn is_aligned(&self) -> bool;
-    /// Kind of a picture: `pair`, `train scene`.
+    /// Returns the noun for a picture: `pair`, `train scene`.
     fn kind(&self) -> &'static str;
 }
 
@@ -48,7 +48,7 @@ pub(super) fn read(subject: &dyn Subject, index: usize) -> Result<WithTruth, Unr
         return Ok(pair);
     }
     Err(Unread::Unreadable(format!(
-        "the picture has {w} x {h} px, its truth {tw} x {th} px; crop or scale one to the other's size"
+        "the picture has {w} x {h} px, but its truth has {tw} x {th} px; crop or scale one to the other's size"
     )))
 }
 

@@ -18,24 +18,24 @@ pub struct Row {
 }
 
 impl Row {
-    /// A pair without a measured shift counts as aligned.
+    /// True if the measured shift is small, or if no shift was measured.
     pub fn is_aligned(&self) -> bool {
         self.shift_px.is_none_or(|shift| shift <= MAX_ALIGNED_SHIFT_PX)
     }
 }
 
-/// The scores of a table.
+/// The protocols of the scores in a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Protocol {
-    /// Kim et al.'s: colour PSNR, SSIM of grey.
+    /// Kim et al.: PSNR of all channels together, SSIM of grey.
     Paper,
-    /// ERRNet's: means over the channels.
+    /// ERRNet: means over the channels.
     Errnet,
     Both,
 }
 
-/// Means by method, in the order of the methods' first rows. If some pairs are not aligned, a second table leaves them out,
-/// after a line that names them.
+/// Tabulates means by method, in the order of the methods' first rows. If some pairs are not aligned, appends a line
+/// with their names and a second table without them.
 pub fn means_table(rows: &[Row], protocol: Protocol) -> String {
     let all: Vec<&Row> = rows.iter().collect();
     let aligned: Vec<&Row> = rows.iter().filter(|row| row.is_aligned()).collect();
@@ -51,14 +51,14 @@ pub fn means_table(rows: &[Row], protocol: Protocol) -> String {
     }
     let _ = write!(
         text,
-        "\nAll pairs, also those whose truth lies more than {MAX_ALIGNED_SHIFT_PX} px beside the picture: {}. Without them:\n\n{}",
+        "\nThese pairs have a shift of more than {MAX_ALIGNED_SHIFT_PX} px between picture and truth: {}. Means without them:\n\n{}",
         shifted.iter().map(|name| escaped(name)).collect::<Vec<_>>().join(", "),
         table(&aligned, protocol)
     );
     text
 }
 
-/// A Markdown table with padded cells. The first row is the head; the first `left` columns are words, the others numbers.
+/// Formats a Markdown table with padded cells. The first row is the head; the columns after `left` have numbers.
 pub fn markdown_table(rows: &[Vec<String>], left: usize) -> String {
     let columns = rows.first().map_or(0, Vec::len);
     let cell = |row: &Vec<String>, k: usize| row.get(k).cloned().unwrap_or_default();
@@ -121,7 +121,7 @@ fn table(rows: &[&Row], protocol: Protocol) -> String {
     markdown_table(&lines, 1)
 }
 
-/// All rows. The PSNR of equal pictures is `inf`; cells of unmeasured shifts are empty.
+/// Formats all rows as CSV. The PSNR of equal pictures is `inf`; cells of unmeasured shifts are empty.
 pub fn per_image_csv(rows: &[Row]) -> String {
     let mut text = "method,image,width,height,aligned,shift_px,psnr_colour_db,ssim_grey,psnr_channels_db,ssim_channels\n".to_owned();
     for row in rows {
@@ -146,7 +146,7 @@ pub fn per_image_csv(rows: &[Row]) -> String {
     text
 }
 
-/// A CSV cell (RFC 4180).
+/// Quotes a CSV cell if necessary (RFC 4180).
 fn quoted(cell: &str) -> String {
     if cell.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", cell.replace('"', "\"\""))
@@ -155,7 +155,7 @@ fn quoted(cell: &str) -> String {
     }
 }
 
-/// A cell of a Markdown table.
+/// Escapes a cell of a Markdown table.
 fn escaped(cell: &str) -> String {
     cell.replace('|', "\\|").replace(['\n', '\r'], " ")
 }
@@ -227,9 +227,9 @@ mod tests {
         assert_eq!(text.matches(HEAD).count(), 2);
         assert!(text.contains("|ours|2|inf|"), "{text}");
         assert!(text.contains("|ours|1|inf|"), "{text}");
-        assert!(text.contains("more than 1.5 px beside the picture: a. Without them:"));
+        assert!(text.contains("more than 1.5 px between picture and truth: a. Means"));
         assert_eq!(packed(&means_table(&[], Protocol::Both)), HEAD);
-        // With shifted pairs alone the second table is empty.
+        // If all pairs are shifted, the second table is empty.
         assert!(packed(&means_table(&rows[1..], Protocol::Both)).ends_with(HEAD));
     }
 

@@ -7,7 +7,7 @@ use image::ImageFormat;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// The folder, and the rows of its index that have a ground truth, as maps from column name to value.
+/// Returns the folder, and the rows of its index that have a ground truth, as maps from column name to value.
 fn published() -> Option<(PathBuf, Vec<HashMap<String, String>>)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/reflection");
     let Ok(index) = std::fs::read_to_string(root.join("index.csv")) else {

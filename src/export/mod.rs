@@ -30,4 +30,4 @@ pub use error::ExportError;
 pub use folder::{FolderState, look};
 pub use plan::{ExportOptions, ExportPlan, LeftOut};
 pub use request::{EXPORT_REQUEST_SCHEMA, ExportFormat, ExportRequest, PixelEncoding};
-pub use write::{ExportWork, Exported, export, foretell_bytes};
+pub use write::{ExportWork, Exported, estimate_bytes, export};

@@ -117,7 +117,7 @@ fn nothing_to_do(run: &Run, plan: ExportPlan) -> (ExportPlan, Exported) {
 }
 
 /// Estimates the size of an export from some encoded tuples, bytes.
-pub fn foretell_bytes(run: &Run, store: &Store, plan: &ExportPlan) -> Result<u64, ExportError> {
+pub fn estimate_bytes(run: &Run, store: &Store, plan: &ExportPlan) -> Result<u64, ExportError> {
     let count = plan.scenes.len();
     let trials = count.min(TRIALS);
     let mut bytes = 0;

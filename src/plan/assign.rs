@@ -1,4 +1,4 @@
-//! Assigns photographs to scenes: every scene's id, its front and back photograph, and substitutes for excluded ones.
+//! Assigns ids, front and back photographs to scenes, and substitutes for excluded photographs.
 
 use super::diode::SourceImage;
 use super::draw::keyed;
@@ -14,9 +14,9 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Photographs by split and source, for the sources that have pairs.
 type Subsets<'a> = BTreeMap<(Split, &'a str), Vec<&'a SourceImage>>;
 
-/// The scenes of a recipe with their photographs, before any number is drawn.
+/// The scenes of a recipe with their photographs, before any parameter is drawn.
 pub(crate) struct Assignment<'a> {
-    /// Splits in the recipe's order, sources by name.
+    /// Scenes in the order of the recipe's splits, then of the keys of `pairs`.
     scenes: Vec<AssignedScene<'a>>,
     recipe: &'a Recipe,
     subsets: Subsets<'a>,
@@ -28,7 +28,7 @@ pub(crate) struct Assignment<'a> {
 pub(super) struct AssignedScene<'a> {
     pub(super) id: SceneId,
     pub(super) split: Split,
-    /// Names of the sources of the front and of the back.
+    /// Source names of front and back.
     pub(super) sources: [&'a str; 2],
     pair: Pair<'a>,
 }
@@ -49,20 +49,20 @@ pub(crate) struct Drawn {
     pub line: SceneLine,
     /// Number of the attempt that passed the geometry check.
     pub attempt: u32,
-    /// Both photographs are of one source and both indoors or both outdoors.
+    /// True if both photographs are from one source, and both indoors or both outdoors.
     pub same_place: bool,
-    /// Both photographs are from one scan.
+    /// True if both photographs are from one scan.
     pub same_scan: bool,
 }
 
-/// The name that excludes a photograph: `source:path of its colour image`.
+/// Returns the name that excludes a photograph: `SOURCE:PATH`, with the path of the colour image.
 pub(crate) fn photograph_name(source: &str, image: &SourceImage) -> String {
     format!("{source}:{}", image.color)
 }
 
 impl<'a> Assignment<'a> {
-    /// Splits the photographs and pairs them. Those `excluded` (see [`photograph_name`]) take part and are replaced last, so
-    /// that excluding one changes only its own scenes.
+    /// Splits and pairs all photographs. [`Self::draw`] replaces those in `excluded` (see [`photograph_name`]) later,
+    /// so that excluding a photograph changes only its own scenes.
     pub(crate) fn new(
         recipe: &'a Recipe,
         sources: &'a BTreeMap<String, Vec<SourceImage>>,
@@ -88,7 +88,7 @@ impl<'a> Assignment<'a> {
                 scenes.extend(made.into_iter().enumerate().map(|(number, pair)| {
                     AssignedScene {
                         id: SceneId::new(format!("{split_name}-{label}-{number:06}"))
-                            .expect("names and digits make an id"),
+                            .expect("names and digits form a valid id"),
                         split: split.name,
                         sources: names,
                         pair,
@@ -116,8 +116,8 @@ impl<'a> Assignment<'a> {
         })
     }
 
-    /// The photographs of a scene: its own, or two others if `change` is above 0. Excluded ones are substituted from their
-    /// subset.
+    /// Returns the photographs of a scene: the assigned ones, or two others if `change` is above 0. Replaces an
+    /// excluded photograph by another of its subset.
     fn pair(&self, scene: &AssignedScene<'a>, change: u32) -> Result<Pair<'a>, RecipeError> {
         let is_out = |side: usize, image: &SourceImage| {
             self.excluded.contains(&photograph_name(scene.sources[side], image))
@@ -132,8 +132,8 @@ impl<'a> Assignment<'a> {
         Ok(pair)
     }
 
-    /// Another photograph for one side, if possible of the original's place and from another scan than the partner's.
-    /// Rendezvous hashing: the choice does not depend on the other photographs of the subset.
+    /// Selects another photograph for one side, if possible from another scan than the partner's and of the original's
+    /// place. Rendezvous hashing keeps the choice when the subset loses other photographs.
     fn substitute(
         &self,
         scene: &AssignedScene<'a>,
@@ -169,7 +169,7 @@ impl<'a> Assignment<'a> {
     }
 }
 
-/// The sources of a pair's front and back: `NAME`, or `FRONT/BACK`.
+/// Returns the sources of a pair's front and back. `key` is `NAME`, or `FRONT/BACK`.
 pub(super) fn sides(key: &str) -> [&str; 2] {
     match key.split_once('/') {
         Some((front, back)) => [front, back],

@@ -1,7 +1,7 @@
 //! Checks all input files of a plan before any scene is traced.
 //!
-//! Reads only the beginning and the end of a file, and only the beginning of an object in a store. Errors in the pixels are
-//! found when the scene is loaded: that scene is quarantined.
+//! Usually reads only the beginning and the end of a file, and only the beginning of an object in a store. Errors in
+//! the pixels appear when a worker loads the scene, which quarantines the scene.
 
 use super::inputs::{InputFiles, StoreUnavailable};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
@@ -16,7 +16,7 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Least number of threads for a store: they wait for responses.
+/// Least number of threads if files are in a store, because these threads mostly wait for responses.
 const STORE_THREADS: usize = 32;
 /// Largest number of rows in the table.
 const SHOWN: usize = 20;
@@ -32,7 +32,7 @@ pub struct InvalidInput {
     pub scenes: Vec<SceneId>,
 }
 
-/// A line with the counts and a table of at most twenty files with their problems.
+/// Formats a line with the counts, and a table of at most twenty files with their problems.
 pub fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
     let scenes: BTreeSet<&SceneId> = invalid.iter().flat_map(|input| &input.scenes).collect();
     let mut text = format!(
@@ -64,7 +64,7 @@ enum Checked {
     Wrong(String),
 }
 
-/// Checks each file once.
+/// A checker of input files. It keeps the results, so that it reads each file only once.
 pub(super) struct Checker<'a> {
     roots: Roots,
     own: BTreeSet<&'a str>,
@@ -75,7 +75,7 @@ pub(super) struct Checker<'a> {
 }
 
 impl<'a> Checker<'a> {
-    /// Does not check files under the roots `own`: planning writes them. `on_file` receives (done, all).
+    /// Makes a checker that skips the roots `own`, because planning writes their files. `on_file` receives (done, all).
     pub(super) fn new(
         roots: Roots,
         own: BTreeSet<&'a str>,
@@ -86,13 +86,13 @@ impl<'a> Checker<'a> {
         Self { roots, own, inputs, threads, on_file, seen: BTreeMap::new() }
     }
 
-    /// Number of checked files.
+    /// Returns the number of checked files.
     pub(super) fn files(&self) -> usize {
         let paths: BTreeSet<&str> = self.seen.keys().map(|(path, _)| path.as_str()).collect();
         paths.len()
     }
 
-    /// Total size of the scenes' files.
+    /// Returns the total size of the scenes' files, bytes.
     pub(super) fn bytes(&self, lines: &[SceneLine]) -> u64 {
         let mut sizes = BTreeMap::new();
         for (path, role) in lines.iter().flat_map(files_of) {
@@ -161,12 +161,12 @@ impl<'a> Checker<'a> {
         };
         match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
             Ok(pool) => pool.install(look),
-            // The system refuses threads: use the caller's.
+            // The system cannot start threads: run in the caller's pool.
             Err(_) => look(),
         }
     }
 
-    /// Files of a scene that cannot be used, with the reasons.
+    /// Returns the unusable files of a scene with their problems.
     fn problems<'l>(&self, line: &'l SceneLine) -> Vec<(&'l str, String)> {
         let seen = |path: &str, role| self.seen.get(&(path.to_owned(), role));
         let mut problems = Vec::new();
@@ -187,7 +187,7 @@ impl<'a> Checker<'a> {
                 problems.push((
                     mask,
                     format!(
-                        "it has {w}x{h} pixels, the depth image has {width}x{height}; give a mask of the depth's size, or none"
+                        "it has {w}x{h} pixels, but the depth image has {width}x{height}; give a mask of the depth's size, or none"
                     ),
                 ));
             }
@@ -200,7 +200,7 @@ fn files_of(line: &SceneLine) -> impl Iterator<Item = (&str, FileRole)> {
     [&line.front, &line.back].into_iter().flat_map(roles)
 }
 
-/// The files of a side with their roles.
+/// Returns the files of a side with their roles.
 fn roles(side: &Side) -> Vec<(&str, FileRole)> {
     let paths = side.paths().into_iter();
     let role = |key| match (side, key) {
@@ -239,7 +239,7 @@ fn check_file(
     })
 }
 
-/// Separates a store that does not respond (an error) from a file that cannot be read (a problem).
+/// Distinguishes a store that does not respond (an error) from a file that cannot be read (a problem).
 fn unreadable(error: io::Error, inputs: &dyn InputFiles) -> Result<Checked, StoreUnavailable> {
     match inputs.store_failure(error) {
         Ok(error) => Err(error),
@@ -247,7 +247,7 @@ fn unreadable(error: io::Error, inputs: &dyn InputFiles) -> Result<Checked, Stor
     }
 }
 
-/// Bytes whose error messages begin with "it", since the table shows the path beside them.
+/// Names a file "it" in error messages, because the table shows the path beside them.
 fn named(bytes: Vec<u8>) -> NamedBytes {
     NamedBytes { path: PathBuf::from("it"), bytes }
 }
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn folders_and_missing_files_are_wrong() {
+    fn folders_and_missing_files_are_unusable() {
         let folder = tempfile::tempdir().unwrap();
         for path in [folder.path(), &folder.path().join("nowhere")] {
             assert!(matches!(seen(path, FileRole::Color), Checked::Wrong(_)));
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_table_is_cut() {
+    fn a_long_table_is_truncated() {
         let invalid: Vec<InvalidInput> = (0..25)
             .map(|n| InvalidInput {
                 path: format!("diode:{n}.png"),

@@ -14,13 +14,13 @@ use render::line::{Roots, SceneLine, is_url, parse_jsonl};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
-/// Root of a manifest's own relative paths.
+/// Name of the root for the relative paths of a manifest.
 const MANIFEST_ROOT: &str = "manifest";
 
-/// The parsed source with its photographs listed; nothing is drawn, compared or written yet.
+/// A parsed recipe or manifest with its photographs listed; nothing is drawn or written yet.
 pub(super) struct Content {
     pub(super) name: String,
-    /// Root folders for the spec; relative ones are below the run's folder.
+    /// Root folders for the spec; relative paths are below the run's folder.
     pub(super) roots: BTreeMap<String, PathBuf>,
     /// Remarks about the listing of photographs.
     notes: Vec<String>,
@@ -29,7 +29,7 @@ pub(super) struct Content {
 
 /// The scenes, or the recipe that draws them.
 enum Scenes {
-    /// A recipe with the photographs of its sources; `to_make` are the procedural ones among them.
+    /// A recipe with the photographs of its sources; `to_make` lists the procedural photographs.
     Drawn {
         path: PathBuf,
         recipe: Box<Recipe>,
@@ -40,18 +40,18 @@ enum Scenes {
     Lines(Vec<SceneLine>),
 }
 
-/// Drawn scenes with notes.
+/// Scenes of a plan, with notes.
 pub(super) struct Draft {
     pub(super) lines: Vec<SceneLine>,
     pub(super) notes: Vec<String>,
-    /// Draws rejected after their preview.
+    /// Draws that the previews rejected.
     pub(super) rejected: Vec<RejectedScene>,
     /// Procedural photographs that the scenes use.
     pub(super) to_make: Vec<ProceduralPhotograph>,
 }
 
 impl Content {
-    /// The scenes of [`Self::draft`] before any preview.
+    /// Returns the scenes of [`Self::draft`] before any preview.
     pub(super) fn first_lines(
         &self,
         left_out: &BTreeSet<String>,
@@ -69,7 +69,7 @@ impl Content {
         }
     }
 
-    /// Draws the scenes, with substitutes for photographs that are left out; of a manifest, drops the scenes left out.
+    /// Draws the scenes, with substitutes for left-out photographs. For a manifest, drops the left-out scenes.
     pub(super) fn draft(
         &self,
         left_out: &BTreeSet<String>,
@@ -130,7 +130,7 @@ impl Content {
         Ok(Draft { lines, notes, rejected, to_make })
     }
 
-    /// The photographs (of a manifest: the scene) to leave out, so that `line` does not need the file `path`.
+    /// Names the photographs of `line` (for a manifest: the scene) to leave out if the file `path` is unusable.
     pub(super) fn names_to_leave_out(&self, line: &SceneLine, path: &str) -> Vec<String> {
         if let Scenes::Lines(_) = self.scenes {
             return vec![line.id.to_string()];
@@ -142,7 +142,7 @@ impl Content {
             .collect()
     }
 
-    /// "photographs" or "scenes": the entries that can be left out.
+    /// Returns the kind of entries that can be left out: "photographs" or "scenes".
     pub(super) fn left_out_kind(&self) -> &'static str {
         match self.scenes {
             Scenes::Drawn { .. } => "photographs",
@@ -150,7 +150,7 @@ impl Content {
         }
     }
 
-    /// The same with the effect of leaving them out.
+    /// Returns the kind of entries and the effect of leaving them out, for a message.
     pub(super) fn left_out_effect(&self) -> &'static str {
         match self.scenes {
             Scenes::Drawn { .. } => "photographs and draws others instead",
@@ -158,12 +158,11 @@ impl Content {
         }
     }
 
-    /// Whether the scenes are given, not drawn.
     pub(super) fn is_manifest(&self) -> bool {
         matches!(self.scenes, Scenes::Lines(_))
     }
 
-    /// Roots of files that planning writes.
+    /// Returns the roots of files that planning writes.
     pub(super) fn own_roots(&self) -> BTreeSet<&str> {
         match &self.scenes {
             Scenes::Drawn { to_make, .. } => to_make.iter().map(|m| m.root.as_str()).collect(),
@@ -172,12 +171,11 @@ impl Content {
     }
 }
 
-/// An error of the recipe in the file `path`.
 fn recipe_error(path: &Path, source: RecipeError) -> DraftError {
     DraftError::Recipe { path: path.to_owned(), source: Box::new(source) }
 }
 
-/// An absolute path; URLs stay as they are.
+/// Makes a path absolute; URLs stay unchanged.
 fn absolute(path: &Path) -> PathBuf {
     if is_url(path) {
         return path.to_owned();
@@ -190,7 +188,7 @@ fn parent(path: &Path) -> PathBuf {
     absolute(parent.unwrap_or(Path::new(".")))
 }
 
-/// Lists a source of PLACES365, on a disk or in an object store.
+/// Lists the photographs of a PLACES365 source, on a disk or in an object store.
 fn places(
     name: &str,
     source: &Source,

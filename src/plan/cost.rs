@@ -7,10 +7,10 @@ use serde::Serialize;
 
 /// Bytes per pixel of a partial: 36 floats.
 const PARTIAL_BYTES: f64 = 144.0;
-/// Bytes per pixel of one layer of a tuple, in `tuple.exr` (half floats) and a PNG. Measured at 256 x 256 px and 256 samples:
-/// 5.2 on published photographs, 4.5 on the smoke recipe.
+/// Bytes per pixel of one layer of a tuple, in `tuple.exr` (half floats) and a PNG. Measurements at 256 x 256 px and
+/// 256 samples gave 5.2 on published photographs and 4.5 on the smoke recipe.
 const HALF_LAYER_BYTES: f64 = 5.3;
-/// The same with single floats: 12.1 on the smoke recipe.
+/// Bytes per pixel of one layer with single floats in `tuple.exr`. The smoke recipe gave 12.1.
 const FLOAT_LAYER_BYTES: f64 = 13.0;
 /// Other bytes per scene: its manifest line, `tuple.json`, the receipt.
 const SCENE_BYTES: f64 = 6_000.0;
@@ -23,13 +23,13 @@ const SECONDS_PER_TUPLE_PIXEL: f64 = 5e-7;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Calibration {
     pub scenes: Vec<SceneId>,
-    /// Seconds of one core per camera sample, counting all of `film.spp`.
+    /// Seconds of one core per camera sample, with all `film.spp` samples counted.
     pub seconds_per_sample: f64,
     /// Seconds of one core for reading and decoding a scene's files.
     pub seconds_per_load: f64,
 }
 
-/// The plan and the machine of an estimate.
+/// Input of [`cost`]: the plan and the machine.
 #[derive(Clone, Debug)]
 pub struct Estimate<'a> {
     pub lines: &'a [SceneLine],
@@ -40,34 +40,34 @@ pub struct Estimate<'a> {
     pub input_bytes: Option<u64>,
     /// Size of the procedural photographs.
     pub made_bytes: u64,
-    /// The procedural photographs are already in the run's folder.
+    /// True if the procedural photographs are already in the run's folder.
     pub is_made: bool,
-    /// `None` if unknown.
+    /// Free space on the run's disk; `None` if unknown.
     pub disk_available_bytes: Option<u64>,
-    /// `None` assumes a typical machine.
+    /// Measured rates; `None` assumes a typical machine.
     pub calibration: Option<Calibration>,
 }
 
-/// Estimated cost of a run. The keys are those of `glasshouse.plan/1`.
+/// Estimated cost of a run, with the keys of `glasshouse.plan/1`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cost {
-    /// Shards of all scenes.
+    /// Number of shards of all scenes.
     pub shards: u64,
     /// Size of the input files, if known, with the procedural photographs.
     pub input_bytes: Option<u64>,
-    /// Size of all partials, the upper bound: several workers trace every scene.
+    /// Size of all partials: an upper bound, reached if several workers share every scene.
     pub partial_bytes: u64,
-    /// Largest size of the partials on disk at one time with one worker: those of its open scenes.
+    /// Largest size of the partials on disk at one time with one worker: the partials of its open scenes.
     pub partial_bytes_at_a_time: u64,
     pub tuple_bytes: u64,
-    /// Tuples, partials at one time, and procedural photographs.
+    /// Size of the tuples, the partials at one time, and the procedural photographs.
     pub disk_needed_bytes: u64,
-    /// `None` if unknown.
+    /// Free space on the run's disk; `None` if unknown.
     pub disk_available_bytes: Option<u64>,
     /// Seconds of one core.
     #[serde(rename = "core_seconds_estimate")]
     pub core_s: f64,
-    /// `None` if the estimate assumes a typical machine.
+    /// Measured rates; `None` if the estimate assumes a typical machine.
     pub calibration: Option<Calibration>,
 }
 
@@ -90,7 +90,7 @@ pub fn cost(estimate: Estimate<'_>) -> Cost {
             + pixels * SECONDS_PER_TUPLE_PIXEL
             + per_load;
     }
-    // One open scene per thread, and one that is being loaded.
+    // Every thread has one open scene, and one more scene is being loaded.
     let open = (estimate.threads + 1).min(estimate.lines.len());
     let at_a_time = largest * open as f64;
     let to_make = if estimate.is_made { 0 } else { estimate.made_bytes };
@@ -109,7 +109,7 @@ pub fn cost(estimate: Estimate<'_>) -> Cost {
 }
 
 impl Cost {
-    /// Whether the disk has too little space.
+    /// True if the disk has too little space.
     pub fn is_too_large(&self) -> bool {
         self.disk_available_bytes.is_some_and(|there| self.disk_needed_bytes > there)
     }
@@ -159,7 +159,7 @@ mod tests {
     fn costs_are_sums_over_scenes() {
         let lines = vec![line(); 5];
         let found = cost(estimate(&lines));
-        // Two tiles and two ranges of 256 samples a scene; two threads have three scenes open.
+        // Every scene has two tiles and two ranges of 256 samples; two threads have three scenes open.
         assert_eq!(found.shards, 5 * 2 * 2);
         assert_eq!(found.partial_bytes, 5 * 128 * 64 * 2 * 144);
         assert_eq!(found.partial_bytes_at_a_time, 3 * 128 * 64 * 2 * 144);

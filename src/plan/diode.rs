@@ -12,48 +12,48 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// An RGBD photograph of a source. Paths are relative to the source's root, with `/`.
+/// An RGBD photograph of a source. Paths are relative to the source's root, with `/` as separator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceImage {
     pub color: String,
     pub depth: String,
-    /// The root that the depth image lies under, if it is not the source's.
+    /// Root of the depth image, if it differs from the source's root.
     pub depth_root: Option<String>,
-    /// Metres for a relative depth, if they are not the source's.
+    /// Metric range of a relative depth, if it differs from the source's range.
     pub depth_range: Option<DepthRange>,
     pub mask: Option<String>,
     pub place: Place,
-    /// Folder of the scene.
+    /// Name of the scene's folder.
     pub scene: String,
-    /// Folder of the scan: the views from one standpoint.
+    /// Name of the scan's folder. A scan has the views from one standpoint.
     pub scan: String,
-    /// From a list: the whole side. It replaces the keys of the source and all paths above but `color`, its name.
+    /// For a photograph of a list: the whole side, named `color`. It replaces the source's keys and the other paths.
     pub side: Option<Side>,
-    /// From a list: values for `"from_source"` parameters.
+    /// For a photograph of a list: values of `"from_source"` parameters.
     pub values: BTreeMap<String, f64>,
 }
 
 /// The photographs of a source.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Index {
-    /// Sorted by path, except those of a list.
+    /// Photographs sorted by path, or in the order of a list.
     pub images: Vec<SourceImage>,
-    /// Colour images that lack a depth image and are left out, by path.
+    /// Paths of colour images that have no depth image and are left out.
     pub without_depth: Vec<String>,
 }
 
-/// A source cannot be listed.
+/// Error of a source that cannot be listed.
 #[derive(Debug, thiserror::Error)]
 pub enum IndexError {
     #[error(
-        "source {name}: cannot list {}: {source}; pass --root {name}=DIR with the folder that holds it",
+        "source {name}: cannot list {}: {source}; pass --root {name}=DIR with the right folder",
         path.display()
     )]
     Read { name: String, path: PathBuf, source: io::Error },
     #[error(
         "source {name}: {} holds no photograph with depth of the form \
          [train|val/](indoors|outdoor)/scene_*/scan_*/*.png with *_depth.npy beside it{}; pass --root \
-         {name}=DIR with the folder that does",
+         {name}=DIR with the right folder",
         path.display(), left_out(*without_depth)
     )]
     Empty {
@@ -64,7 +64,7 @@ pub enum IndexError {
     },
     #[error(
         "source {name}: {} holds no photograph of a category in {table} with a depth map below {}{}; pass --root {name}=DIR \
-         and --root {name}-depth=DIR",
+         and --root {name}-depth=DIR with the right folders",
         path.display(), depth_path.display(), left_out(*without_depth)
     )]
     NoPlaces {
@@ -77,7 +77,7 @@ pub enum IndexError {
     },
     #[error("source {name}: cannot use its depth_ranges {}: {reason}", path.display())]
     Table { name: String, path: PathBuf, reason: String },
-    #[error("source {name}: cannot read its list {}: {source}; write `list` with a path relative to the recipe, or put \
+    #[error("source {name}: cannot read its list {}: {source}; set `list` to a path relative to the recipe, or put \
          photographs.jsonl into the source's root (--root {name}=DIR)", path.display())]
     NoList { name: String, path: PathBuf, source: io::Error },
     #[error("source {name}: list {}: {source}", path.display())]
@@ -96,7 +96,7 @@ pub(crate) fn index_source(name: &str, folder: &Path) -> Result<Index, IndexErro
     index_paths(name, folder, &files_below(name, folder, may_hold_photographs)?)
 }
 
-/// The photographs of the source `name` among `paths`, which are relative to its `folder`, with `/`.
+/// Finds the photographs of the source `name` among `paths`, which are relative to `folder`, with `/`.
 pub(crate) fn index_paths(
     name: &str,
     folder: &Path,
@@ -113,8 +113,8 @@ pub(crate) fn index_paths(
     Ok(index)
 }
 
-/// All files below `folder`, relative to it, with `/`, in the folders that `enters` accepts. Follows links and skips names
-/// that are not UTF-8, which no layout has.
+/// Lists all files below `folder`, in the folders that `enters` accepts, as relative paths with `/`. Follows links.
+/// Skips names that are not UTF-8, because no layout has such names.
 pub(super) fn files_below(
     name: &str,
     folder: &Path,
@@ -143,7 +143,7 @@ pub(super) fn files_below(
     Ok(found)
 }
 
-/// Whether `path` can be a folder above photographs, by its name.
+/// True if the layout has photographs below a folder with this path.
 fn may_hold_photographs(path: &str) -> bool {
     let mut parts = path.split('/').peekable();
     parts.next_if(|part| matches!(*part, "train" | "val"));
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn images_find_their_depth_and_mask() {
+    fn images_are_listed_with_depth_and_mask() {
         let index = from_paths(&paths(&[
             "val/outdoor/scene_00022/scan_00193/b.png",
             "val/outdoor/scene_00022/scan_00193/b_depth.npy",

@@ -1,4 +1,4 @@
-//! Turns a recipe or a manifest into scene lines whose input files have been checked.
+//! Turns a recipe or a manifest into scene lines with checked input files.
 
 use super::check::{Checker, InvalidInput};
 use super::content::{self, Content, Draft};
@@ -15,22 +15,22 @@ use std::path::{Path, PathBuf};
 pub struct Drafted {
     /// Name of the recipe or manifest.
     pub name: String,
-    /// Root folders; relative ones are below the run's folder.
+    /// Root folders; relative paths are below the run's folder.
     pub roots: BTreeMap<String, PathBuf>,
     pub lines: Vec<SceneLine>,
-    /// Remarks for people: images without depth, pairs of one place or scan, repeated draws.
+    /// Remarks for the user: images without depth, pairs of one place or scan, repeated draws.
     pub notes: Vec<String>,
-    /// Draws rejected after their preview.
+    /// Draws that the previews rejected.
     pub rejected: Vec<RejectedScene>,
-    /// Files that cannot be used, by path.
+    /// Unusable input files, sorted by path.
     pub invalid: Vec<InvalidInput>,
     /// Number of checked input files.
     pub files: usize,
-    /// "photographs" or "scenes": the entries of `left_out`.
+    /// Kind of the entries of `left_out`: "photographs" or "scenes".
     pub left_out_kind: &'static str,
-    /// Photographs or scenes left out.
+    /// Names of the photographs or scenes that the plan leaves out.
     pub left_out: BTreeSet<String>,
-    /// Total size of the input files; `None` if they were not checked.
+    /// Total size of the input files; `None` if planning does not check them.
     pub input_bytes: Option<u64>,
     /// Procedural photographs that the scenes use.
     pub to_make: Vec<ProceduralPhotograph>,
@@ -107,8 +107,8 @@ fn choose(
     left_out: &mut BTreeSet<String>,
     invalid: &mut Vec<InvalidInput>,
 ) -> Result<Result<Draft, Option<String>>, DraftError> {
-    // Scenes of a manifest cannot be replaced: those with invalid files are quarantined when they are traced. Photographs of
-    // a recipe can be replaced by others.
+    // Photographs of a recipe have substitutes. Scenes of a manifest have none: a scene with invalid files stays in the
+    // plan, and a worker quarantines it.
     let keeps = content.is_manifest() && !request.skip_invalid;
     loop {
         let mut check = |lines: &[SceneLine]| {
@@ -145,7 +145,7 @@ fn choose(
     }
 }
 
-/// Photographs or scenes to leave out, so that no scene needs the files `found`.
+/// Names the photographs or scenes to leave out, so that no scene needs the files `found`.
 fn names(content: &Content, lines: &[SceneLine], found: &[InvalidInput]) -> BTreeSet<String> {
     let by_id: BTreeMap<&SceneId, &SceneLine> = lines.iter().map(|line| (&line.id, line)).collect();
     let needs =

@@ -5,7 +5,7 @@
 use super::param::{Normal, Param};
 use std::collections::BTreeMap;
 
-/// Draws the parameters of one scene.
+/// Generator of the random numbers of one scene.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Draw<'a> {
     pub dataset_seed: u64,
@@ -17,7 +17,7 @@ pub(crate) struct Draw<'a> {
 }
 
 impl Draw<'_> {
-    /// Uniform in [0, 1) for the parameter with this key in the recipe.
+    /// Draws a uniform number in [0, 1) for the parameter with this key in the recipe.
     pub(crate) fn unit(&self, parameter: &str) -> f64 {
         let attempt = self.attempt.to_string();
         let bits = keyed(self.dataset_seed, &["parameter", self.scene, parameter, &attempt]);
@@ -49,18 +49,18 @@ impl Draw<'_> {
 
 const TWO_TO_53: f64 = 9_007_199_254_740_992.0;
 
-/// Seed of a scene's sample points, below 2^53 so that every JSON reader keeps it exactly.
+/// Computes the seed of a scene's sample points, below 2^53 so that every JSON reader keeps it exactly.
 pub(crate) fn scene_seed(dataset_seed: u64, id: &str) -> u64 {
     keyed(dataset_seed, &["scene seed", id]) >> 11
 }
 
-/// A hash of the seed and all parts of `key`: 64 uniform bits.
+/// Hashes the seed and all parts of `key` to 64 uniform bits.
 pub(super) fn keyed(dataset_seed: u64, key: &[&str]) -> u64 {
     let mut hasher = blake3::Hasher::new();
     hasher.update(b"glasshouse.draw/1");
     hasher.update(&dataset_seed.to_le_bytes());
     for part in key {
-        // The length keeps ("ab", "c") and ("a", "bc") apart.
+        // The length distinguishes ("ab", "c") from ("a", "bc").
         hasher.update(&(part.len() as u64).to_le_bytes());
         hasher.update(part.as_bytes());
     }
@@ -69,7 +69,7 @@ pub(super) fn keyed(dataset_seed: u64, key: &[&str]) -> u64 {
     u64::from_le_bytes(bytes)
 }
 
-/// A shuffled copy of `items`, sorted by a hash of each name: adding an item keeps the order of the others.
+/// Sorts `items` by a hash of each name, so that an additional item does not change the order of the others.
 pub(super) fn shuffled<'a, T>(
     dataset_seed: u64,
     key: &[&str],
@@ -88,9 +88,9 @@ pub(super) fn shuffled<'a, T>(
     placed.into_iter().map(|(_, item)| item).collect()
 }
 
-/// The value with nine significant digits: short in the manifest, and parsed to the same bits.
+/// Rounds a value to nine significant digits, so that it is short in the manifest and parses to the same bits.
 pub(crate) fn nine_digits(value: f64) -> f64 {
-    format!("{value:.8e}").parse().expect("a printed number can be read")
+    format!("{value:.8e}").parse().expect("a formatted number can be parsed")
 }
 
 fn truncated_normal(unit: f64, normal: &Normal) -> f64 {
@@ -104,14 +104,14 @@ fn truncated_normal(unit: f64, normal: &Normal) -> f64 {
     normal.mean + sign * normal.std * inverse_normal_cdf(low + unit * (high - low)).clamp(a, b)
 }
 
-/// Share of a standard normal distribution below `x`, with full relative precision in the lower tail.
+/// Computes the share of a standard normal distribution below `x`, with full relative precision in the lower tail.
 pub(super) fn normal_cdf(x: f64) -> f64 {
     0.5 * libm::erfc(-x * std::f64::consts::FRAC_1_SQRT_2)
 }
 
-/// The value below which a share `p` of a standard normal distribution lies; infinite at 0 and 1.
+/// Computes the value below which a share `p` of a standard normal distribution lies; infinite at 0 and 1.
 ///
-/// Relative error about 1e-16. Wichura, algorithm AS 241 (PPND16), Applied Statistics 37 (1988).
+/// The relative error is about 1e-16 (Wichura, algorithm AS 241 (PPND16), Applied Statistics 37, 1988).
 fn inverse_normal_cdf(p: f64) -> f64 {
     let q = p - 0.5;
     if q.abs() <= 0.425 {
@@ -225,7 +225,7 @@ mod tests {
         assert_ne!(keyed(1, &["a"]), keyed(2, &["a"]));
     }
 
-    /// Mean and variance of 20,000 draws.
+    /// Returns the mean and the variance of 20,000 draws.
     fn moments(param: &Param) -> (f64, f64) {
         let n = 20_000;
         let values: Vec<f64> = (0..n).map(|i| draw(&format!("s-{i}")).value("x", param)).collect();
@@ -239,16 +239,16 @@ mod tests {
         let (mean, variance) = moments(&Param::Uniform([1.0, 3.0]));
         assert!((mean - 2.0).abs() < 0.02 && (variance - 1.0 / 3.0).abs() < 0.01);
 
-        // Mean (b - a) / ln(b / a).
+        // The mean is (b - a) / ln(b / a).
         let (mean, _) = moments(&Param::LogUniform([0.01, 1.0]));
         assert!((mean - 0.99 / 100f64.ln()).abs() < 0.007, "{mean}");
 
-        // Cut at plus and minus one sigma: variance 0.2912.
+        // Truncation at plus and minus one sigma leaves a variance of 0.2912 sigma^2.
         let normal = |mean, std, min, max| Param::Normal(Normal { mean, std, min, max });
         let (mean, variance) = moments(&normal(5.0, 2.0, 3.0, 7.0));
         assert!((mean - 5.0).abs() < 0.03 && (variance / 4.0 - 0.2912).abs() < 0.01);
 
-        // Far in the upper tail the excess is nearly exponential: mean 1 / 8 - 2 / 8^3 above.
+        // Far in the upper tail, the excess over 8 is nearly exponential, with mean 1 / 8 - 2 / 8^3.
         let (mean, _) = moments(&normal(0.0, 1.0, 8.0, 20.0));
         assert!((mean - 8.0 - 0.1213).abs() < 0.005, "{mean}");
 
@@ -257,11 +257,11 @@ mod tests {
     }
 
     #[test]
-    fn the_inverse_undoes_the_distribution_function() {
+    fn inverse_normal_cdf_inverts_normal_cdf() {
         for step in -370..=60 {
             let x = f64::from(step) / 10.0;
             let back = inverse_normal_cdf(normal_cdf(x));
-            // Above 0 the function itself is near 1 and keeps fewer digits of the tail.
+            // Above 0, `normal_cdf` is near 1 and has fewer digits for the tail.
             let tolerance = if x > 0.0 { 1e-7 } else { 1e-12 * (1.0 + x.abs()) };
             assert!((back - x).abs() < tolerance, "{x} {back}");
         }

@@ -1,5 +1,5 @@
-//! Draws all scenes of a recipe. If the recipe needs previews, each scene is previewed: exposures and white balance are
-//! computed from the preview, and scenes outside the recipe's `[reject]` bounds are drawn again.
+//! Draws all scenes of a recipe. If the recipe needs previews, computes exposures and white balance from a preview of
+//! each scene, and draws scenes outside the recipe's `[reject]` bounds again.
 
 use super::assign::{Assignment, Drawn};
 use super::diode::SourceImage;
@@ -16,13 +16,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Previews of one scene before planning fails.
+/// Largest number of previews of one scene, after which planning fails.
 const MAX_PREVIEWS: u32 = 64;
 
-/// Rejected previews of a scene before it gets other photographs.
+/// Number of rejected previews after which a scene gets other photographs.
 const PREVIEWS_PER_PAIR: u32 = 4;
 
-/// A rejected draw of a scene, one line of `RUN/rejected.jsonl`.
+/// A rejected draw of a scene: one line of `RUN/rejected.jsonl`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RejectedScene {
     /// Id of the scene.
@@ -38,7 +38,7 @@ pub struct RejectedScene {
     pub back: String,
 }
 
-/// Reads a `RUN/rejected.jsonl`; a missing file has no lines. An error names the file and the reason.
+/// Reads `RUN/rejected.jsonl`; a missing file counts as empty. The error has the path and the reason.
 pub fn read_rejected(path: PathBuf) -> Result<Vec<RejectedScene>, (PathBuf, String)> {
     let text = match std::fs::read_to_string(&path) {
         Ok(text) => text,
@@ -55,7 +55,7 @@ pub(super) struct DrawnScenes {
     pub(super) rejected: Vec<RejectedScene>,
 }
 
-/// Reads a photograph's file by path or URL.
+/// A function that reads a photograph's file by path or URL.
 pub(super) type Read<'a> = dyn Fn(&Path) -> std::io::Result<Vec<u8>> + Sync + 'a;
 
 /// The inputs of previews besides the recipe.
@@ -67,13 +67,13 @@ pub(super) struct PreviewContext<'a> {
     pub(super) on_scene: &'a (dyn Fn(usize, usize) + Sync),
 }
 
-/// The lines of `RUN/rejected.jsonl`.
+/// Formats the lines of `RUN/rejected.jsonl`.
 pub fn rejected_lines(rejected: &[RejectedScene]) -> String {
     let line = |one| serde_json::to_string(one).expect("strings and numbers are JSON") + "\n";
     rejected.iter().map(line).collect()
 }
 
-/// Draws all scenes of a recipe, with previews if it needs them.
+/// Draws all scenes of a recipe, with previews if the recipe needs them.
 pub(super) fn draw_all(
     recipe: &Recipe,
     images: &BTreeMap<String, Vec<SourceImage>>,
@@ -110,7 +110,7 @@ fn preview_all(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(context.threads);
     let kept = match pool.build() {
         Ok(pool) => pool.install(all),
-        // The system refuses threads: use the caller's.
+        // The system cannot start threads: run in the caller's pool.
         Err(_) => all(),
     };
     let mut scenes = DrawnScenes { expansion: Expansion::default(), rejected: Vec::new() };
@@ -125,7 +125,7 @@ fn preview_all(
 struct KeptScene {
     drawn: Drawn,
     rejected: Vec<RejectedScene>,
-    /// Draws that failed the geometry check.
+    /// Number of draws that failed the geometry check.
     redrawn: u32,
 }
 
@@ -150,13 +150,13 @@ fn preview_scene(
         };
         if files.as_ref().is_none_or(|(of, _)| *of != change) {
             let read = read_files_by(&drawn.line, context.roots, context.base, context.read);
-            // The scene is quarantined with the reason when it is loaded for tracing.
+            // The plan keeps a scene with unreadable files; loading it for tracing quarantines it with the reason.
             let Ok(read) = read else {
                 return kept(drawn, rejected);
             };
             files = Some((change, read));
         }
-        let (_, read) = files.as_ref().expect("they were just read");
+        let (_, read) = files.as_ref().expect("the files were just read");
         let exposed = auto_expose(&drawn.line, read, &recipe.light, &rules, Isa::detect());
         let (rule, reason) = match exposed {
             Ok(exposed) => {

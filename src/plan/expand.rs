@@ -14,19 +14,19 @@ use render::line::{Apex, Focus, SCENE_SCHEMA, SceneLine};
 use render::scene::check_geometry;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Draws of one scene before expansion fails.
+/// Largest number of draws of one scene, after which expansion fails.
 const MAX_ATTEMPTS: u32 = 100;
 
 /// The scene lines of a recipe, with counts for notes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Expansion {
-    /// Splits in the recipe's order, sources by name.
+    /// Lines in the order of the recipe's splits, then of the keys of `pairs`.
     pub lines: Vec<SceneLine>,
-    /// Scenes whose photographs are both indoors or both outdoors, for lack of others.
+    /// Number of scenes with two indoor or two outdoor photographs, for lack of others.
     pub same_place: u32,
-    /// Scenes whose photographs are from one scan, for lack of others.
+    /// Number of scenes with two photographs of one scan, for lack of others.
     pub same_scan: u32,
-    /// Draws that failed the geometry check.
+    /// Number of draws that failed the geometry check.
     pub redrawn: u32,
 }
 
@@ -39,7 +39,7 @@ impl Expansion {
     }
 }
 
-/// [`expand_counted`] without counts and exclusions.
+/// Calls [`expand_counted`] without exclusions and returns only the lines.
 #[cfg(test)]
 pub(crate) fn expand(
     recipe: &Recipe,
@@ -49,7 +49,7 @@ pub(crate) fn expand(
 }
 
 /// Draws all scenes of `recipe` from the photographs of its `sources`, without those named in `excluded`
-/// (`source:path of the colour image`). Pure; excluding a photograph changes only its own scenes.
+/// (`SOURCE:PATH` of the colour image). Pure; excluding a photograph changes only its own scenes.
 pub(crate) fn expand_counted(
     recipe: &Recipe,
     sources: &BTreeMap<String, Vec<SourceImage>>,
@@ -113,7 +113,7 @@ pub(super) fn draw_line(
         line.camera.white_balance = white_balance;
         line.glass = glass(recipe, draw_of(attempt));
         line.validate().map_err(|source| RecipeError::Line { id: id.clone(), source })?;
-        // A focus on the photograph is only known when the scene is loaded, which checks the geometry again.
+        // The distance of a focus on a photograph is known after loading the scene, which checks the geometry again.
         let inverse_focus_distance_per_m = match line.camera.focus {
             Focus::Distance { distance_m } => 1.0 / distance_m,
             Focus::At { .. } => 0.0,
@@ -135,7 +135,7 @@ pub(super) fn draw_line(
     })
 }
 
-/// The parameters that decide whether pane, lens and film fit together.
+/// Returns the parameters that decide whether pane, lens and film fit together.
 fn geometry_params(recipe: &Recipe) -> Vec<(String, &Param)> {
     let has_f_number = recipe.camera.f_number.is_some();
     let decides = |key: &str| match key {
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn the_paper_s_set_has_5200_scenes_also_from_a_few_photographs() {
+    fn a_few_photographs_suffice_for_the_5200_scenes_of_the_paper() {
         let lines = expand(&Recipe::parse(PAPER).unwrap(), &two_sources(12, 12)).unwrap();
         assert_eq!(lines.len(), 5200);
         assert_eq!(lines[0].id.as_str(), "train-diode-000000");
@@ -194,7 +194,7 @@ mod tests {
     fn lines_are_pinned() {
         let sources = two_sources(4, 4);
         let lines = expand(&recipe("ior = { uniform = [1.3, 1.7] }", 2, 2), &sources).unwrap();
-        // A change here changes every set that has been planned from a recipe.
+        // New values here mean that every recipe yields another manifest.
         let digest = blake3::hash(to_jsonl(&lines).as_bytes()).to_hex();
         assert_eq!(
             (lines[0].seed, lines[0].glass.ior, &digest[..16]),
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_distribution_changes_its_own_parameter_alone() {
+    fn a_new_distribution_changes_only_its_own_parameter() {
         let sources = two_sources(6, 6);
         let plain = expand(&recipe("ior = { uniform = [1.3, 1.7] }", 20, 4), &sources).unwrap();
         let mut more = expand(
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_and_few_photographs_are_named() {
+    fn errors_name_sources_without_enough_photographs() {
         let none = BTreeMap::new();
         let error = expand(&recipe("", 4, 4), &none).unwrap_err().to_string();
         assert!(error.starts_with("source diode has not been indexed"), "{error}");
@@ -300,7 +300,7 @@ mod tests {
             assert_eq!(line.back.exposure(), 1.0);
         }
 
-        // DIODE's cameras see 60 by 45 degrees: a square film sees the smaller angle.
+        // DIODE's camera has a field of view of 60 by 45 degrees. A square film has the smaller angle.
         let own = PAPER.replace("focal_length_mm = 55.0", "focal_length_mm = \"from_source\"");
         let line = &expand(&Recipe::parse(&own).unwrap(), &sources).unwrap()[0];
         let tan = 36f64.hypot(24.0) / 2.0 / line.camera.focal_length_mm / 2f64.sqrt();
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn front_and_back_can_be_of_two_sources() {
+    fn front_and_back_can_come_from_two_sources() {
         let text = PAPER
             .replace("diode = 3000, places = 2000", "\"diode/places\" = 30, places = 5")
             .replace("diode = 120, places = 80", "\"places/diode\" = 6");
@@ -374,7 +374,7 @@ mod tests {
             let excluded = BTreeSet::from([out.clone()]);
             let made = expand_counted(&recipe, &sources, &excluded);
             if let Err(RecipeError::NoSubstitute { .. }) = &made {
-                // A subset of two photographs cannot lose one.
+                // A subset of two photographs has no substitute.
                 return Ok(());
             }
             let made = made.unwrap();

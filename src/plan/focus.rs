@@ -14,7 +14,7 @@ pub enum FocusRecipe {
     BackCenter,
     /// `"glass"`: the pane's front face.
     Glass,
-    /// `"infinity"`
+    /// `"infinity"`: objects at infinity.
     Infinity,
     /// `{ choice = [..] }`: a list of words and metres with equal probabilities.
     Choice(Vec<FocusRecipe>),
@@ -23,7 +23,7 @@ pub enum FocusRecipe {
 }
 
 impl FocusRecipe {
-    /// The alternatives of a choice, or `self` for any other variant.
+    /// Returns the alternatives of a choice, or `self` for any other variant.
     pub(super) fn each(&self) -> &[Self] {
         match self {
             Self::Choice(words) => words,

@@ -1,29 +1,29 @@
-//! How planning reads input files: from local folders, or from stores through the caller.
+//! Reads input files for planning: from local folders, or from stores through the caller.
 
 use std::io;
 use std::path::Path;
 
-/// Reads input files by path or URL (see [`render::line::is_url`]).
+/// Access to input files by path or URL (see [`render::line::is_url`]).
 pub trait InputFiles: Sync {
-    /// The whole file or object.
+    /// Reads a whole file or object.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>>;
 
-    /// The first `count` bytes (fewer if the object is shorter) and the size of the object at a URL.
+    /// Reads the first `count` bytes of the object at a URL (fewer if the object is shorter). Also returns its size.
     fn read_start(&self, url: &Path, count: usize) -> io::Result<(Vec<u8>, u64)>;
 
-    /// Paths of all objects below a URL, relative to it.
+    /// Lists the paths of all objects below a URL, relative to the URL.
     fn list(&self, folder: &Path) -> Result<Vec<String>, StoreUnavailable>;
 
-    /// `Ok` if the store failed, `Err` with the error of the file otherwise.
+    /// Returns `Ok` if the store failed, and the file's own error as `Err` otherwise.
     fn store_failure(&self, error: io::Error) -> Result<StoreUnavailable, io::Error>;
 }
 
-/// A store does not respond.
+/// Error of a store that does not respond.
 #[derive(Debug, thiserror::Error)]
 #[error(transparent)]
 pub struct StoreUnavailable(pub Box<dyn std::error::Error + Send + Sync>);
 
-/// Local folders only: URLs are refused.
+/// Access to local folders only; a URL is an error.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LocalFiles;
 
@@ -46,5 +46,5 @@ impl InputFiles for LocalFiles {
 }
 
 fn no_store(url: &Path) -> String {
-    format!("{} is in an object store, which is not read here: copy it to a folder", url.display())
+    format!("{} is in an object store, not in a folder: copy it to a folder", url.display())
 }

@@ -1,4 +1,4 @@
-//! Planning: a recipe (distributions) becomes scene lines (`render::line`), one resolved scene per line.
+//! Planning: turns a recipe (distributions) into scene lines (`render::line`), one resolved scene per line.
 //!
 //! ```text
 //! recipe, source, param, focus, light, training   the TOML file      recipe_check, source_check, recipe_schema   its rules
@@ -10,8 +10,8 @@
 //! request, check, content -> drafting             a recipe or manifest -> checked scenes: the entry point, `draft`
 //! ```
 //!
-//! Pure, except for the listings (`diode`, `places`), `check`, `content`, `drafting`, `draw_scenes` and
-//! `procedural_inputs`, which read and write files. Files in stores are read through `InputFiles`.
+//! All modules are pure, except the listings (`diode`, `places`), `check`, `content`, `drafting`, `draw_scenes` and
+//! `procedural_inputs`, which read and write files. The trait `InputFiles` reads files in stores.
 
 mod assign;
 mod check;

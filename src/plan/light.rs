@@ -5,15 +5,15 @@ use super::param::Param;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// `[light]`
+/// `[light]`: luminance scale, white balance and exposure.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LightRecipe {
-    /// The luminance scale at exposure 1. Default `stored`.
+    /// Luminance scale of both sides at exposure 1. Default `stored`.
     pub scale: LuminanceScale,
     /// Reference white of the camera. Default `none`.
     pub white_balance: WhiteBalance,
-    /// Exposure by a percentile of I. Default none: the camera's exposure is 1.
+    /// Exposure from a percentile of I. Default none: the camera's exposure is 1.
     pub auto_exposure: Option<AutoExposure>,
 }
 
@@ -24,8 +24,8 @@ pub enum LuminanceScale {
     /// The values of the file.
     #[default]
     Stored,
-    /// Scaled to a geometric mean luminance of 0.18. Photographs have individual exposures: only on a common scale do the
-    /// exposures of front and back determine their ratio.
+    /// The values of the file, scaled to a geometric mean luminance of 0.18. Photographs have individual exposures, so
+    /// the recipe's exposures of front and back determine their ratio only on a common scale.
     Metered,
 }
 
@@ -33,7 +33,7 @@ pub enum LuminanceScale {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WhiteBalance {
-    /// Equal values.
+    /// Equal red, green and blue.
     #[default]
     None,
     /// The front's illuminant.
@@ -44,13 +44,13 @@ pub enum WhiteBalance {
     GreyWorld,
 }
 
-/// Exposure by a percentile of I.
+/// Exposure from a percentile of I.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AutoExposure {
-    /// Percentile of the pixels' largest channels: above 0, at most 100.
+    /// Percentile of the largest channel of each pixel: above 0, at most 100.
     pub percentile: f64,
-    /// Target value, linear: above 0. 8-bit pictures clip at 1.
+    /// Linear value that the exposure gives this percentile: above 0. 8-bit pictures clip at 1.
     pub level: f64,
 }
 
@@ -58,9 +58,9 @@ pub struct AutoExposure {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RejectRecipe {
-    /// Mean luminance of R~ / that of I: `[least, most]`.
+    /// Mean luminance of R~ divided by that of I: `[least, most]`.
     pub reflected_share: Option<[f64; 2]>,
-    /// Standard deviation of R~'s luminance / mean luminance of I: `[least, most]`. A reflection without contrast is a veil.
+    /// Standard deviation of R~'s luminance divided by the mean luminance of I: `[least, most]`. It is low for a veil.
     pub contrast: Option<[f64; 2]>,
     /// Largest share of pixels of I with a channel of 1 or more.
     pub clipped_share: Option<f64>,
@@ -69,7 +69,7 @@ pub struct RejectRecipe {
 }
 
 impl RejectRecipe {
-    /// Keys and bounds `[least, most]`.
+    /// Returns the keys with their bounds `[least, most]`.
     pub(super) fn bounds(&self) -> [(&'static str, Option<[f64; 2]>); 4] {
         [
             ("reflected_share", self.reflected_share),
@@ -80,7 +80,7 @@ impl RejectRecipe {
     }
 }
 
-/// Exposure and colour of one side's light, of `[front]` and `[back]`.
+/// Exposure and colour of one side's light, from `[front]` or `[back]`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SideLight<'a> {
     pub(super) exposure: &'a Param,
@@ -88,11 +88,11 @@ pub(super) struct SideLight<'a> {
     pub(super) illuminant_k: Option<&'a Param>,
 }
 
-/// Linear Rec.709 colour of a black body's light, of luminance 1.
+/// Computes the linear Rec.709 colour of a black body's light, with luminance 1.
 ///
-/// The Planckian locus by Kim et al.'s cubic splines (US patent 7,024,034, 2006; 1,667 to 25,000 K, within 0.001 of x and y);
-/// below about 2,000 K blue would be negative. Photographs are taken to be balanced for D65, so a side's light of 6,504 K
-/// leaves them nearly as they are.
+/// Uses Kim et al.'s cubic splines of the Planckian locus (US patent 7,024,034, 2006; 1,667 to 25,000 K, within 0.001
+/// of x and y). Below about 2,000 K, blue is negative. Photographs are assumed to be balanced for D65, so light of
+/// 6,504 K leaves them nearly unchanged.
 pub(crate) fn illuminant(kelvin: f64) -> [f64; 3] {
     let t = 1e3 / kelvin;
     let x = if kelvin <= 4000.0 {
@@ -116,12 +116,12 @@ pub(crate) fn illuminant(kelvin: f64) -> [f64; 3] {
     ]
 }
 
-/// Gains that make a colour grey without changing green, as in cameras. All channels of `color` are above 0.
+/// Computes the gains that make `color` grey without changing green, as in cameras. All channels are above 0.
 pub(crate) fn gains_against(color: [f64; 3]) -> [f64; 3] {
     color.map(|channel| nine_digits(color[1] / channel))
 }
 
-/// Luminance of a linear Rec.709 colour.
+/// Computes the luminance of a linear Rec.709 colour.
 pub(crate) fn luminance([red, green, blue]: [f64; 3]) -> f64 {
     0.2126 * red + 0.7152 * green + 0.0722 * blue
 }
@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn black_bodies_have_their_published_colours() {
-        // Chromaticities of the Planckian locus: CIE 15, table of (u, v) at 2856 K (illuminant A) and others.
+        // Chromaticities of the Planckian locus from CIE 15: 2856 K (illuminant A) and three other temperatures.
         for (kelvin, [x, y]) in [
             (2856.0, [0.4476, 0.4074]),
             (4000.0, [0.3805, 0.3768]),
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn the_spline_is_whole_and_no_light_is_negative() {
+    fn the_spline_is_continuous_and_no_light_is_negative() {
         for seam in [2222.0, 4000.0] {
             let (below, above) = (illuminant(seam), illuminant(seam + 1e-6));
             for c in 0..3 {

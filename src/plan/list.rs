@@ -1,7 +1,7 @@
 //! The layout `list`: photographs in any folders, listed in a file.
 //!
-//! One JSON object per line, `glasshouse.photograph/1`: the keys of a scene line's side with paths relative to the source's
-//! root, and `place`, optionally `scan` and `values`.
+//! Each line is a JSON object of schema `glasshouse.photograph/1`. It has the keys of a scene line's side, with paths
+//! relative to the source's root, and the keys `place`, `scan` (optional) and `values` (optional).
 
 use super::diode::{Index, IndexError, SourceImage};
 use procedural::Place;
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Component, Path};
 
-/// The schema name that a line of the list must carry.
+/// Schema name of a line of the list.
 pub const PHOTOGRAPH_SCHEMA: &str = "glasshouse.photograph/1";
 
 /// Default name of the list in the source's root.
@@ -22,7 +22,7 @@ pub(crate) const LIST_NAME: &str = "photographs.jsonl";
 pub enum ListError {
     #[error("line {line}: {reason}; correct that line")]
     Line {
-        /// Counted from 1.
+        /// Line number, from 1.
         line: usize,
         reason: String,
     },
@@ -30,7 +30,7 @@ pub enum ListError {
     Empty,
 }
 
-/// One line; `side` has the remaining keys.
+/// A line of the list; `side` has the remaining keys.
 #[derive(Deserialize)]
 struct Listed {
     schema: String,
@@ -43,7 +43,7 @@ struct Listed {
     side: serde_json::Map<String, serde_json::Value>,
 }
 
-/// Parses a list and checks each side. Keeps the order, skips blank lines.
+/// Parses a list and checks each side. Keeps the order and skips blank lines.
 pub fn parse_list(text: &str) -> Result<Vec<SourceImage>, ListError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut images = Vec::new();
@@ -63,7 +63,7 @@ pub fn parse_list(text: &str) -> Result<Vec<SourceImage>, ListError> {
 fn parse_line(json: &str) -> Result<SourceImage, String> {
     let listed: Listed = serde_json::from_str(json).map_err(|error| {
         let text = error.to_string();
-        // serde_json numbers lines within this one: always 1.
+        // serde_json parses only this line, so its line number is always 1.
         text.replace(" at line 1 column ", " at column ")
     })?;
     if listed.schema != PHOTOGRAPH_SCHEMA {
@@ -86,7 +86,7 @@ fn parse_line(json: &str) -> Result<SourceImage, String> {
     }
     validate_side("photograph", &side).map_err(|error| error.to_string())?;
     let color = side.name().to_owned();
-    // The scene keeps names of scans and paths apart: a scan may be named like a photograph.
+    // A scan may have the name of a photograph; the scene distinguishes named scans from single photographs.
     let (scene, scan) = match listed.scan {
         Some(scan) => ("scan".to_owned(), scan),
         None => (String::new(), color.clone()),
@@ -111,7 +111,7 @@ fn stays_below(path: &str) -> bool {
         .all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
 }
 
-/// The side with its paths below the root `root`.
+/// Returns the side with its paths below the root `root`.
 pub(super) fn rooted(side: &Side, root: &str) -> Side {
     let mut side = side.clone();
     for path in side.paths_mut() {
@@ -120,8 +120,7 @@ pub(super) fn rooted(side: &Side, root: &str) -> Side {
     side
 }
 
-/// The photographs of the source `name`, whose list has the content `read`. Their files are checked later, as for all
-/// sources.
+/// Lists the photographs of the source `name` from `read`, the content of the file `list`. Does not check their files.
 pub(crate) fn index_list(
     name: &str,
     list: &Path,
@@ -167,7 +166,7 @@ mod tests {
         let [first, second] = images.as_slice() else { panic!("{images:?}") };
         assert_eq!((first.color.as_str(), first.place), ("a.png", Place::Indoors));
         assert_eq!((second.color.as_str(), second.place), ("b.ply", Place::Outdoor));
-        // A scan that is called like a photograph is not that photograph's own.
+        // A scan with the name of a photograph is not the scan of that photograph.
         assert_eq!(first.scan, second.scan);
         assert_ne!(first.scene, second.scene);
         assert_eq!(second.values["camera.gain"], 1.5);
@@ -178,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named_with_their_line() {
+    fn errors_name_the_line() {
         for (rest, words) in [
             (format!(r#"{SIDE},"colour":"x""#), "unknown field `colour`"),
             (r#""color":"a.png""#.to_owned(), "missing field `depth`"),
@@ -202,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unreadable_list_is_named() {
+    fn errors_name_an_unreadable_list() {
         let index =
             |read| index_list("mine", Path::new("l.jsonl"), read).map_err(|e| e.to_string());
         let there = index(Ok(line(SIDE).into_bytes())).unwrap();

@@ -1,6 +1,6 @@
 //! Pairs a front with a back photograph of one split.
 //!
-//! Every pair is a function of the photographs and its own number: adding pairs changes no earlier one.
+//! A pair is a function of the photographs and the pair's number, so additional pairs do not change the earlier pairs.
 
 use super::diode::SourceImage;
 use super::draw::{keyed, shuffled};
@@ -15,24 +15,24 @@ pub(super) struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// The key of a scan: equal for all photographs from one standpoint.
+    /// Returns the key of a photograph's scan, which is equal for all photographs from one standpoint.
     pub(super) fn scan_of(image: &SourceImage) -> (Place, &str, &str) {
         scan_of(image)
     }
 
-    /// Whether both were taken from one standpoint.
+    /// True if both photographs are from one standpoint.
     pub(super) fn is_same_scan(&self) -> bool {
         scan_of(self.front) == scan_of(self.back)
     }
 
-    /// Whether both are indoors, or both outdoors.
+    /// True if both photographs are indoors, or both outdoors.
     pub(super) fn is_same_place(&self) -> bool {
         self.front.place == self.back.place
     }
 }
 
-/// Makes `count` pairs of `subset`, two or more photographs: an indoor with an outdoor one if both exist, else two of
-/// different scans if several exist. All photographs of a side are used equally often as front and as back.
+/// Makes `count` pairs from the two or more photographs of `subset`: an indoor and an outdoor one if both exist, else
+/// two of different scans if possible. Uses all photographs of a place equally often as front and as back.
 ///
 /// The shuffles depend on `key` and the seed.
 pub(super) fn pairs<'a>(
@@ -61,7 +61,7 @@ pub(super) fn pairs<'a>(
     }
 }
 
-/// Makes `count` pairs of two sources, fronts of the first, backs of the second, using all photographs equally often.
+/// Makes `count` pairs with fronts from one source and backs from another. Uses all photographs equally often.
 pub(super) fn pairs_between<'a>(
     dataset_seed: u64,
     key: [&str; 2],
@@ -83,7 +83,7 @@ fn of<'a>(subset: &[&'a SourceImage], keep: impl Fn(&SourceImage) -> bool) -> Ve
     subset.iter().copied().filter(|image| keep(image)).collect()
 }
 
-/// Takes fronts alternately from `one` and `other`, backs from the opposite group.
+/// Takes fronts alternately from `one` and `other`, and backs from the opposite group.
 fn across<'a>(
     dataset_seed: u64,
     key: [&str; 2],
@@ -108,12 +108,12 @@ fn across<'a>(
         .collect()
 }
 
-/// Deals photographs in shuffled order and shuffles again after the last.
+/// A deck of photographs in random order. It is shuffled again after the last photograph.
 struct Deck<'k, 'a> {
     dataset_seed: u64,
     key: [&'k str; 3],
     round: u32,
-    /// In reverse order: the next one is popped.
+    /// Remaining photographs of the round, in reverse order.
     left: Vec<&'a SourceImage>,
 }
 
@@ -145,9 +145,9 @@ fn shuffle<'a>(
 
 /// Pairs photographs of one pool in rounds; each round uses every photograph once as front and once as back.
 ///
-/// A round sorts the photographs by group (scan, or the photograph itself if all are of one scan) and pairs each with the
-/// one `shift` positions later. A shift between the size of the largest group and the number of photographs outside of it
-/// never pairs within a group.
+/// A round sorts the photographs by group (the scan, or the photograph itself if all are of one scan) and pairs each
+/// with the photograph `shift` positions later. No pair is within a group if the shift is between the size of the
+/// largest group and the number of photographs outside that group.
 fn within<'a>(
     dataset_seed: u64,
     key: [&str; 2],
@@ -203,7 +203,7 @@ mod tests {
         images.iter().collect()
     }
 
-    /// Least and largest number of uses among `images`, as fronts and as backs.
+    /// Returns the least and the largest number of uses among `images`, as fronts and as backs.
     fn uses(made: &[Pair<'_>], images: &[&SourceImage]) -> [(usize, usize); 2] {
         let roles: [fn(&Pair<'_>) -> String; 2] =
             [|p| p.front.color.clone(), |p| p.back.color.clone()];
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn one_scan_alone_still_pairs_different_photographs() {
+    fn a_single_scan_gives_pairs_of_different_photographs() {
         let images = set(4, 0);
         for pair in pairs(3, ["train", "s"], &refs(&images), 20) {
             assert!(pair.is_same_scan());
@@ -226,8 +226,8 @@ mod tests {
     }
 
     #[test]
-    fn a_scan_that_outweighs_the_others_never_meets_itself() {
-        // Scans of four and one.
+    fn a_scan_with_most_photographs_is_not_paired_with_itself() {
+        // The set has scans of four photographs and of one.
         let images = set(5, 0);
         let made = pairs(3, ["train", "s"], &refs(&images), 40);
         assert!(made.iter().all(|pair| !pair.is_same_scan()));
@@ -235,7 +235,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn pairs_are_opposite_even_and_stable(
+        fn pairs_cross_places_use_photographs_evenly_and_are_stable(
             indoors in 0usize..24, outdoor in 0usize..24, seed: u64, count in 1u32..90,
         ) {
             let images = set(indoors, outdoor);
@@ -249,7 +249,7 @@ mod tests {
                 prop_assert_eq!(pair.is_same_scan(), indoors.max(outdoor) <= 4 && pair.is_same_place());
             }
 
-            // Even within a side; a lone side is even unless one scan outweighs the others.
+            // Uses are even within a place, unless all photographs are of one place and most of them of one scan.
             for side in [Place::Indoors, Place::Outdoor] {
                 let side = of(&subset, |image| image.place == side);
                 let lopsided = (indoors == 0 || outdoor == 0) && (5..8).contains(&side.len());

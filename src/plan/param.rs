@@ -10,21 +10,21 @@ use std::fmt;
 /// A constant or a distribution.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Param {
-    /// `1.6`
+    /// `1.6`: a constant.
     Constant(f64),
-    /// `{ uniform = [a, b] }`: a to b, all equally likely.
+    /// `{ uniform = [a, b] }`: uniform from a to b.
     Uniform([f64; 2]),
-    /// `{ log_uniform = [a, b] }`: a to b, the logarithm uniform; a above 0.
+    /// `{ log_uniform = [a, b] }`: from a to b with a uniform logarithm; a is above 0.
     LogUniform([f64; 2]),
-    /// `{ normal = { mean = m, std = s, min = a, max = b } }`: normal, cut to a to b.
+    /// `{ normal = { mean = m, std = s, min = a, max = b } }`: normal, truncated to a to b.
     Normal(Normal),
-    /// `{ choice = [a, b, c] }`: one of them, all equally likely.
+    /// `{ choice = [a, b, c] }`: a list of values with equal probabilities.
     Choice(Vec<f64>),
-    /// `"from_source"`: the value in the photograph's record (the back's for `back.*`, else the front's).
+    /// `"from_source"`: the value in the record of the back photograph for `back.*`, else of the front photograph.
     FromSource,
 }
 
-/// A normal distribution truncated to `min` to `max` (not clamped).
+/// A normal distribution, truncated (not clamped) to values from `min` to `max`.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Normal {
@@ -39,12 +39,12 @@ pub struct Normal {
 }
 
 impl Normal {
-    /// `min` and `max` in standard deviations from the mean.
+    /// Returns `min` and `max` in standard deviations from the mean.
     pub(super) fn standardised(&self) -> (f64, f64) {
         ((self.min - self.mean) / self.std, (self.max - self.mean) / self.std)
     }
 
-    /// Share of the uncut distribution between `min` and `max`.
+    /// Computes the share of the normal distribution between `min` and `max`.
     fn mass(&self) -> f64 {
         let (a, b) = self.standardised();
         if a > 0.0 { normal_cdf(-a) - normal_cdf(-b) } else { normal_cdf(b) - normal_cdf(a) }
@@ -52,7 +52,7 @@ impl Normal {
 }
 
 impl Param {
-    /// Least and largest value that can be drawn; infinite for `from_source`.
+    /// Returns the least and the largest possible value; infinite for `from_source`.
     pub fn bounds(&self) -> (f64, f64) {
         match self {
             Self::Constant(value) => (*value, *value),
@@ -67,13 +67,13 @@ impl Param {
         }
     }
 
-    /// Whether every draw gives the same value.
+    /// True if every draw gives the same value.
     pub fn is_constant(&self) -> bool {
         let (least, most) = self.bounds();
         least == most
     }
 
-    /// The first value that can be drawn and is outside `limit`.
+    /// Returns the first possible value outside `limit`.
     pub(super) fn outside(&self, limit: Limit) -> Option<f64> {
         if *self == Self::FromSource {
             // The value of each photograph is checked with its scene line.
@@ -117,7 +117,7 @@ impl Param {
                 interval("normal's [min, max]", [normal.min, normal.max])?;
                 if !(normal.mean.is_finite() && normal.std.is_finite() && normal.std > 0.0) {
                     return Err(format!(
-                        "normal has mean {} and std {}: both must be finite, std above 0",
+                        "normal has mean {} and std {}: both must be finite, and std above 0",
                         normal.mean, normal.std
                     ));
                 }
@@ -157,7 +157,7 @@ impl<'de> Deserialize<'de> for Param {
     }
 }
 
-/// A visitor, because errors of an untagged enum have neither reason nor position.
+/// Reads a parameter. A derived untagged enum would give errors without reason and position.
 pub(super) struct ParamVisitor;
 
 impl<'de> Visitor<'de> for ParamVisitor {

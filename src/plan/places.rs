@@ -5,7 +5,7 @@
 //! DEPTH_ROOT/ the same folders/NAME(.npy|.pfm|.exr|.png), or NAME_depth.*, or NAME-MODEL.* as MiDaS writes them
 //! ```
 //!
-//! A table names the categories and their depth ranges.
+//! A table lists the categories and their depth ranges.
 
 use super::diode::{Index, IndexError, SourceImage, files_below};
 use procedural::Place;
@@ -15,19 +15,19 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// The schema name of a table of categories.
+/// Schema name of a table of categories.
 pub const DEPTH_RANGES_SCHEMA: &str = "glasshouse.depth_ranges/1";
 
-/// Formats of depth maps, by preference.
+/// File name extensions of depth maps, in order of preference.
 const DEPTHS: [&str; 4] = ["npy", "pfm", "exr", "png"];
 
-/// `depth-ranges.toml`
+/// `depth-ranges.toml`: categories of PLACES365 with their depth ranges.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthRanges {
     /// Always [`DEPTH_RANGES_SCHEMA`].
     pub schema: String,
-    /// By the names of the official list, `bedroom` or `library/indoor`.
+    /// Categories by their name in the official list, such as `bedroom` or `library/indoor`.
     pub category: BTreeMap<String, Category>,
 }
 
@@ -37,13 +37,13 @@ pub struct DepthRanges {
 pub struct Category {
     /// Indoors or outdoors.
     pub place: Place,
-    /// Metres for relative depths.
+    /// Metric range of relative depths.
     pub range: DepthRange,
-    /// Source of the range.
+    /// Reason for the range.
     pub why: String,
 }
 
-/// The table cannot be used.
+/// Error of a table that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DepthRangesError {
     #[error("{0}")]
@@ -58,13 +58,13 @@ pub enum DepthRangesError {
 }
 
 impl DepthRanges {
-    /// The table that ships with the program, `manifests/depth-ranges.toml`: the paper's 34 categories.
+    /// Returns the table that ships with the program, `manifests/depth-ranges.toml`, with 34 categories.
     pub fn shipped() -> Self {
         Self::parse(include_str!("../../manifests/depth-ranges.toml"))
             .expect("the shipped table is tested")
     }
 
-    /// Names of the categories of one kind of place, in the table's order.
+    /// Returns the names of the categories of one kind of place, sorted.
     pub fn categories_of(&self, place: Place) -> Vec<&str> {
         let wanted = self.category.iter().filter(|(_, c)| c.place == place);
         wanted.map(|(name, _)| name.as_str()).collect()
@@ -85,7 +85,7 @@ impl DepthRanges {
         Ok(table)
     }
 
-    /// The category of a photograph by its path.
+    /// Finds the category of a photograph by its path.
     fn category_of<'t, 'p>(&'t self, path: &'p str) -> Option<(&'p str, &'t Category)> {
         let (mut folder, _) = path.rsplit_once('/')?;
         while let Some((first, rest)) = folder.split_once('/')
@@ -102,8 +102,8 @@ impl DepthRanges {
         self.category.get_key_value(folder).map(|(_, c)| (folder, c))
     }
 
-    /// The photographs of the table's categories among `colors`, with their depth maps among `depths`, which lie below the
-    /// root `depth_root`. Paths have `/`.
+    /// Finds the photographs of the table's categories among `colors`, and their depth maps among `depths`. The depth
+    /// maps are below the root `depth_root`. Paths have `/`.
     pub fn index(&self, colors: &[String], depths: &[String], depth_root: &str) -> Index {
         let mut maps: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
         for depth in depths {
@@ -136,7 +136,7 @@ impl DepthRanges {
                 mask: None,
                 place: category.place,
                 scene: name.to_owned(),
-                // No two photographs of the set are known to be of one place.
+                // The set has no marks for photographs of one place, so every photograph is its own scan.
                 scan: stem.to_owned(),
                 side: None,
                 values: BTreeMap::new(),
@@ -146,7 +146,7 @@ impl DepthRanges {
     }
 }
 
-/// The folders of a source.
+/// Paths of a source: folders of photographs and depth maps, and the table.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlacesFolders<'a> {
     pub color: &'a Path,
@@ -154,8 +154,8 @@ pub(crate) struct PlacesFolders<'a> {
     pub table: &'a Path,
 }
 
-/// Lists the photographs of the source `name` whose categories are in the table. `list` returns the files of a URL, and
-/// `None` for a local folder.
+/// Lists the photographs of the source `name` in the table's categories. `list` returns the files of a URL, and `None`
+/// for a local folder.
 pub(crate) fn index_places(
     name: &str,
     folders: &PlacesFolders,
@@ -186,12 +186,12 @@ pub(crate) fn index_places(
     Ok(index)
 }
 
-/// The name of the root of a source's depth maps.
+/// Returns the name of the root of a source's depth maps.
 pub(super) fn depth_root(name: &str) -> String {
     format!("{name}-depth")
 }
 
-/// The depth map of a photograph, by preference of name, then of format.
+/// Selects the depth map of a photograph, by preference of name, then of extension.
 fn map_of<'m>(maps: &BTreeMap<&'m str, Vec<&'m str>>, stem: &str) -> Option<&'m str> {
     let depth = format!("{stem}_depth");
     let model = format!("{stem}-");
@@ -237,7 +237,7 @@ why = "a guess"
     }
 
     #[test]
-    fn photographs_find_their_category_and_depth() {
+    fn photographs_are_listed_with_category_and_depth() {
         let table = DepthRanges::parse(TABLE).unwrap();
         let colors = paths(&[
             "data_256/a/alley/2.jpg",
@@ -305,7 +305,7 @@ why = "a guess"
         assert!(table.category.values().all(|c| c.why.len() > 10));
     }
 
-    /// A procedural set in the shipped table's categories.
+    /// Lists a procedural set in the categories of the shipped table.
     fn listing(count: usize, seed: u64) -> Vec<PlacesPhotograph> {
         let table = DepthRanges::shipped();
         let [indoors, outdoors] = [Place::Indoors, Place::Outdoor].map(|p| table.categories_of(p));
@@ -313,7 +313,7 @@ why = "a guess"
     }
 
     #[test]
-    fn categories_take_turns_within_their_kind_of_place() {
+    fn categories_of_one_kind_of_place_get_equal_numbers() {
         let photographs = listing(4080, 1);
         assert_eq!(listing(100, 1), photographs[..100]);
         let mut counts = BTreeMap::new();
@@ -335,7 +335,7 @@ why = "a guess"
     }
 
     #[test]
-    fn the_files_are_those_that_the_indexer_looks_for() {
+    fn the_index_lists_all_procedural_files() {
         let folder = tempfile::tempdir().unwrap();
         let photographs = listing(6, 3);
         for photograph in &photographs {
@@ -358,7 +358,7 @@ why = "a guess"
         let depth = image::open(folders.depth.join(photograph.depth_path())).unwrap();
         let codes = depth.as_luma16().expect("16-bit grey").as_raw().clone();
         assert_eq!((codes.iter().min(), codes.iter().max()), (Some(&0), Some(&65535)));
-        // The nearer, the larger; no holes.
+        // Codes are larger for nearer pixels, and the map has no holes.
         let mut order: Vec<usize> = (0..codes.len()).collect();
         order.sort_by_key(|&i| codes[i]);
         for pair in order.windows(2) {

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Bytes per pixel: four each for depth and mask, and a measured 0.76 for the PNG.
+/// Bytes per pixel of a photograph's files: four each for depth and mask, and a measured 0.76 for the PNG.
 const BYTES_A_PIXEL: f64 = 8.76;
 
 /// A procedural photograph that planning writes into the run's folder.
@@ -21,14 +21,14 @@ pub struct ProceduralPhotograph {
 }
 
 impl ProceduralPhotograph {
-    /// Estimated total size of the three files.
+    /// Estimates the total size of the three files.
     pub fn estimated_bytes(&self) -> u64 {
         let [width, height] = self.size.map(f64::from);
         (width * height * BYTES_A_PIXEL) as u64
     }
 }
 
-/// The folder for the files that planning writes for the root `source`, below the run's folder.
+/// Returns the folder below `run` for the files that planning writes for the root `source`.
 fn inputs_folder(run: &Path, source: &str) -> PathBuf {
     run.join("inputs").join(source)
 }
@@ -60,15 +60,15 @@ pub fn make_photographs(
     };
     match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
         Ok(pool) => pool.install(make),
-        // The system refuses threads: use the caller's.
+        // The system cannot start threads: run in the caller's pool.
         Err(_) => make(),
     }
 }
 
-/// Files of photographs that are not written yet. Renders a photograph when one of its files is first read.
+/// Files of procedural photographs. The first read of a file that is not on disk yet renders its photograph.
 pub(super) struct SampleBytes<'a> {
     photographs: Vec<(&'a ProceduralPhotograph, OnceLock<Option<SampleFiles>>)>,
-    /// Path to (index of the photograph, index of the file).
+    /// Index of the photograph and of its file, by path.
     places: BTreeMap<PathBuf, (usize, usize)>,
 }
 
@@ -86,7 +86,7 @@ impl<'a> SampleBytes<'a> {
         Self { photographs, places }
     }
 
-    /// The bytes of a file; `None` if it does not belong to a procedural photograph.
+    /// Reads a file. Returns `None` if the path belongs to no procedural photograph.
     pub(super) fn read(&self, path: &Path) -> Option<io::Result<Vec<u8>>> {
         let &(index, kind) = self.places.get(path)?;
         if path.is_file() {

@@ -13,7 +13,7 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The schema name that a recipe must carry.
+/// Schema name of a recipe.
 pub const RECIPE_SCHEMA: &str = "glasshouse.recipe/1";
 
 /// Recipe of a data set.
@@ -22,18 +22,18 @@ pub const RECIPE_SCHEMA: &str = "glasshouse.recipe/1";
 pub struct Recipe {
     /// Always [`RECIPE_SCHEMA`].
     pub schema: String,
-    /// Name of the set, for people: `[A-Za-z0-9_-]+`.
+    /// Name of the data set: `[A-Za-z0-9_-]+`.
     pub name: String,
     /// Dataset seed of all draws, pairs and splits. Default 2020.
     #[serde(default = "default_seed")]
     pub seed: u64,
-    /// Film.
+    /// Film: size, samples and layers.
     #[serde(default)]
     pub film: FilmRecipe,
     /// Lens and focus.
     #[serde(default)]
     pub camera: CameraRecipe,
-    /// Pane.
+    /// Pane: position, thickness and material.
     #[serde(default)]
     pub glass: GlassRecipe,
     /// The side seen through the pane.
@@ -49,7 +49,7 @@ pub struct Recipe {
     pub reject: Option<RejectRecipe>,
     /// Sets of photographs by name. The name is also the named root of their paths.
     pub sources: BTreeMap<String, Source>,
-    /// The splits of the set. No two splits share a photograph.
+    /// The splits of the data set. No two splits share a photograph.
     #[serde(rename = "split")]
     pub splits: Vec<SplitRecipe>,
     /// Training after rendering. Default none.
@@ -60,25 +60,25 @@ fn default_seed() -> u64 {
     2020
 }
 
-/// `[film]`
+/// `[film]`: size, samples and layers.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FilmRecipe {
-    /// Pixels across: a constant or a choice of whole numbers. Default 256.
+    /// Width, px: a constant or a choice of whole numbers. Default 256.
     pub width: Param,
-    /// Pixels down: a constant or a choice of whole numbers. Default 256.
+    /// Height, px: a constant or a choice of whole numbers. Default 256.
     pub height: Param,
-    /// Camera samples a pixel: a constant or a choice of powers of two. Default 256.
+    /// Camera samples per pixel: a constant or a choice of powers of two. Default 256.
     pub spp: Param,
     /// Reconstruction filter. Default box.
     pub filter: Filter,
-    /// Orders of the glass below this linear radiance are dropped. Default 7.6e-5.
+    /// Linear radiance below which orders of the glass are dropped. Default 7.6e-5.
     pub order_tolerance: Param,
     /// Precision of `tuple.exr`. Default half.
     pub exr: ExrPrecision,
-    /// Adaptive sampling: RMS error (linear) at which a cell of 8 x 8 px stops. Default none: all pixels take `spp`.
+    /// Linear RMS error at which a cell of 8 x 8 px stops sampling. Default none: all pixels take `spp` samples.
     pub target_error: Option<f64>,
-    /// Which orders of the glass's reflection R~ holds: `all` (default) or `first`.
+    /// Reflected orders of the glass in R~: `all` (default) or `first`.
     pub glass_reflection_orders: ReflectionOrders,
     /// Layers to render. Default all four.
     pub layers: LayerSet,
@@ -100,15 +100,15 @@ impl Default for FilmRecipe {
     }
 }
 
-/// `[camera]`
+/// `[camera]`: lens and focus.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CameraRecipe {
-    /// Relative to the 43.267 mm diagonal of a 36 x 24 mm frame. Default 55.
+    /// Focal length, mm, for the 43.267 mm diagonal of a 36 x 24 mm frame. Default 55.
     pub focal_length_mm: Param,
-    /// Radius of the lens opening. Default 0.00893.
+    /// Radius of the lens opening, m. Default 0.00893.
     pub aperture_radius_m: Param,
-    /// Instead of `aperture_radius_m`: focal length / diameter of the opening, for a 36 x 24 mm frame.
+    /// Focal length divided by the diameter of the opening, for a 36 x 24 mm frame. Replaces `aperture_radius_m`.
     pub f_number: Option<Param>,
     /// The plane in focus. Default `"front_center"`.
     pub focus: FocusRecipe,
@@ -125,19 +125,19 @@ impl Default for CameraRecipe {
     }
 }
 
-/// `[glass]`
+/// `[glass]`: position, thickness and material of the pane.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GlassRecipe {
-    /// Distance of the front face from the lens along the axis. Default 0.30.
+    /// Distance of the front face from the lens along the axis, m. Default 0.30.
     pub distance_m: Param,
-    /// Thickness. Default 0.010.
+    /// Thickness, m. Default 0.010.
     pub thickness_m: Param,
     /// Index of refraction. Default 1.6.
     pub ior: Param,
     /// Absorption coefficients of red, green and blue, per metre of path. Default 0.
     pub absorption_per_m: [Param; 3],
-    /// Pitch and yaw. Default perpendicular.
+    /// Pitch and yaw, degrees. Default 0: perpendicular to the axis.
     pub tilt_deg: [Param; 2],
 }
 
@@ -153,15 +153,15 @@ impl Default for GlassRecipe {
     }
 }
 
-/// `[front]`
+/// `[front]`: light of the front.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FrontRecipe {
-    /// Multiplies linear radiance. Default 1.
+    /// Factor of linear radiance. Default 1.
     pub exposure: Param,
-    /// Multiplies the exposure by 2^EV. Default none.
+    /// Exposure value EV, which multiplies the exposure by 2^EV. Default none.
     pub exposure_ev: Option<Param>,
-    /// Temperature of a black body that illuminates this side. Default none: the light of the photograph.
+    /// Temperature of a black body that illuminates this side, K. Default none: the light of the photograph.
     pub illuminant_k: Option<Param>,
 }
 
@@ -171,17 +171,17 @@ impl Default for FrontRecipe {
     }
 }
 
-/// `[back]`
+/// `[back]`: light and apex of the back.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct BackRecipe {
-    /// Multiplies linear radiance. Default 1.
+    /// Factor of linear radiance. Default 1.
     pub exposure: Param,
-    /// Multiplies the exposure by 2^EV. Default none.
+    /// Exposure value EV, which multiplies the exposure by 2^EV. Default none.
     pub exposure_ev: Option<Param>,
-    /// Temperature of a black body that illuminates this side. Default none.
+    /// Temperature of a black body that illuminates this side, K. Default none: the light of the photograph.
     pub illuminant_k: Option<Param>,
-    /// Where the capture camera stands. Default mirror.
+    /// Position of the capture camera. Default mirror.
     pub apex: Apex,
 }
 
@@ -196,7 +196,7 @@ impl Default for BackRecipe {
     }
 }
 
-/// `[[split]]`
+/// `[[split]]`: a split with its numbers of scenes.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SplitRecipe {
@@ -204,13 +204,13 @@ pub struct SplitRecipe {
     pub name: Split,
     /// Number of scenes by source, or by two sources as `FRONT/BACK`.
     pub pairs: BTreeMap<String, u32>,
-    /// Relative share of each source's photographs in this split. Default 0.9 for `train`, 0.1 for `test`. If only one split
-    /// uses a source, it gets all of its photographs.
+    /// Relative share of each source's photographs in this split. Default 0.9 for `train`, 0.1 for `test`. If only one
+    /// split uses a source, it gets all of its photographs.
     pub photographs: Option<f64>,
 }
 
 impl SplitRecipe {
-    /// The share of photographs with its default.
+    /// Returns the share of photographs, or its default.
     pub(crate) fn photographs(&self) -> f64 {
         self.photographs.unwrap_or(match self.name {
             Split::Train => 0.9,
@@ -240,7 +240,7 @@ impl BackRecipe {
 }
 
 impl Recipe {
-    /// All numbers that scenes draw, by key.
+    /// Returns all numbers that scenes draw, with their keys.
     pub fn params(&self) -> Vec<(String, &Param)> {
         let (film, camera, glass) = (&self.film, &self.camera, &self.glass);
         let mut params: Vec<(String, &Param)> = [
@@ -283,7 +283,7 @@ impl Recipe {
         params
     }
 
-    /// Whether scenes need previews, for which planning reads photographs.
+    /// True if scenes need previews, for which planning reads photographs.
     pub fn needs_preview(&self) -> bool {
         let light = &self.light;
         self.reject.is_some()
@@ -299,10 +299,8 @@ impl Recipe {
         Ok(recipe)
     }
 
-    /// The named roots of the scene lines: those `given`, and for every other source its `root` below `base`, the folder of
-    /// the recipe.
-    ///
-    /// `sample` sources are missing: planning writes them into the run's folder.
+    /// Returns the named roots of the scene lines: those `given`, and for every other source its `root` below `base`,
+    /// the folder of the recipe. Omits `sample` sources, because planning writes them into the run's folder.
     pub fn roots(&self, base: &Path, given: &Roots) -> Roots {
         let mut roots = given.clone();
         for (name, source) in &self.sources {
@@ -329,7 +327,7 @@ pub(super) mod tests {
     use super::*;
     use render::line::{DepthKind, Intrinsics};
 
-    /// The paper's set, as on the design page.
+    /// Recipe of the paper's data set.
     pub(in super::super) const PAPER: &str = r#"
 schema = "glasshouse.recipe/1"
 name = "paper"
@@ -372,7 +370,7 @@ pairs = { diode = 120, places = 80 }
     }
 
     #[test]
-    fn the_shipped_paper_recipe_is_the_paper_s() {
+    fn the_shipped_paper_recipe_has_the_paper_s_values() {
         let paper = Recipe::parse(include_str!("../../manifests/paper.toml")).unwrap();
         let constants = Recipe::parse(PAPER).unwrap();
         assert_eq!(paper.film, constants.film);
@@ -392,7 +390,7 @@ pairs = { diode = 120, places = 80 }
     }
 
     #[test]
-    fn the_shipped_smoke_recipe_is_the_paper_s_but_for_plainer_panes() {
+    fn the_shipped_smoke_recipe_differs_from_the_paper_in_its_panes() {
         let smoke = Recipe::parse(include_str!("../../manifests/smoke.toml")).unwrap();
         assert_eq!(smoke.film, FilmRecipe::default());
         assert_eq!(smoke.camera, CameraRecipe::default());
@@ -419,7 +417,7 @@ pairs = { diode = 120, places = 80 }
     }
 
     #[test]
-    fn a_given_root_precedes_the_recipe_s() {
+    fn a_given_root_overrides_the_recipe() {
         let recipe = Recipe::parse(PAPER).unwrap();
         let given = Roots::parse(&["diode=/big/diode", "other=/o"]).unwrap();
         let roots = recipe.roots(Path::new("/recipes"), &given);

@@ -1,4 +1,4 @@
-//! Checks a recipe before anything is drawn: ranges, names, keys that exclude each other. `source_check.rs` checks sources.
+//! Checks ranges, names and conflicting keys of a recipe before any scene is drawn. `source_check.rs` checks sources.
 
 use super::assign::sides;
 use super::param::Param;
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 const MAX_PAIRS: u64 = 1_000_000;
 
 impl Recipe {
-    /// Checks everything that the TOML parser does not.
+    /// Checks everything that the TOML parser does not check.
     pub(super) fn check(&self) -> Result<(), RecipeError> {
         if self.schema != RECIPE_SCHEMA {
             return bad("schema", format!("is {:?}, but must be {RECIPE_SCHEMA:?}", self.schema));
@@ -23,7 +23,7 @@ impl Recipe {
         if SceneId::new(self.name.as_str()).is_err() {
             return bad(
                 "name",
-                format!("is {:?}, but must be 1 to 128 of [A-Za-z0-9_-]", self.name),
+                format!("is {:?}, but must be 1 to 128 characters of [A-Za-z0-9_-]", self.name),
             );
         }
         self.check_params()?;
@@ -32,7 +32,7 @@ impl Recipe {
         self.check_train()
     }
 
-    /// Reports errors of `[train]` now, not after all scenes have been traced.
+    /// Reports errors of `[train]` before any scene is traced.
     fn check_train(&self) -> Result<(), RecipeError> {
         let Some(TrainRecipe { settings, .. }) = &self.train else {
             return Ok(());
@@ -59,7 +59,7 @@ impl Recipe {
                 return bad(
                     "train.settings.crop_px",
                     format!(
-                        "is {}, but film.{key} can be {least}: set it to at most that",
+                        "is {}, but film.{key} can be {least}: set crop_px to {least} or less",
                         settings.crop_px
                     ),
                 );
@@ -89,7 +89,7 @@ impl Recipe {
         if camera.f_number.is_some()
             && camera.aperture_radius_m != CameraRecipe::default().aperture_radius_m
         {
-            return bad("camera.f_number", "excludes aperture_radius_m: remove one of them");
+            return bad("camera.f_number", "conflicts with aperture_radius_m: remove one of them");
         }
         self.check_reject()
     }
@@ -116,7 +116,7 @@ impl Recipe {
         for (name, source) in &self.sources {
             let key = format!("sources.{name}");
             if !is_root_name(name) {
-                return bad(&key, "must be named by two or more of [A-Za-z0-9_-]");
+                return bad(&key, "must have a name of two or more characters of [A-Za-z0-9_-]");
             }
             source.check(&key)?;
             if source.layout == Layout::Places && self.sources.contains_key(&depth_root(name)) {
@@ -167,7 +167,7 @@ impl Recipe {
                         );
                     }
                 }
-                // Ids of scenes contain the label.
+                // Scene ids contain the label.
                 if let Some(other) = labels.insert(pair.replace('/', "-"), pair) {
                     return bad(
                         &format!("{key}, pairs.{pair}"),
@@ -196,7 +196,7 @@ impl Recipe {
     }
 }
 
-/// An error of the recipe under `key`.
+/// Returns an error of the recipe under `key`.
 pub(super) fn bad(key: &str, problem: impl Into<String>) -> Result<(), RecipeError> {
     Err(RecipeError::Key { key: key.to_owned(), problem: problem.into() })
 }
@@ -204,7 +204,7 @@ pub(super) fn bad(key: &str, problem: impl Into<String>) -> Result<(), RecipeErr
 /// Checks all values that `param` may take against the table of limits.
 pub(super) fn within(key: &str, param: &Param) -> Result<(), RecipeError> {
     let limit = limit_of(key);
-    // A range of whole numbers or of powers of two has no uniform distribution.
+    // Draws of all other distributions are not whole.
     if limit.is_whole() && !matches!(param, Param::Constant(_) | Param::Choice(_)) {
         return bad(key, "must be a whole number or { choice = [..] } of whole numbers");
     }
@@ -226,7 +226,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn mistakes_are_named_with_their_place() {
+    fn errors_name_the_key_or_the_line() {
         for (from, to, message) in [
             ("ior = 1.6", "iro = 1.6", "unknown field `iro`"),
             ("ior = 1.6", "iro = 1.6", "line 16"),
@@ -264,7 +264,7 @@ mod tests {
                 "intrinsics = { fx = 0, fy = 1, cx = 1, cy = 1 }",
                 "sources.diode.intrinsics.fx is 0",
             ),
-            ("[sources.diode]", "[sources.d]", "sources.d must be named by two or more"),
+            ("[sources.diode]", "[sources.d]", "sources.d must have a name of two or more"),
             ("name = \"test\"", "name = \"train\"", "split train is given twice"),
             (
                 "name = \"test\"",

@@ -4,7 +4,7 @@ use render::ids::SceneId;
 use render::line::{LineError, Split};
 use render::scene::GeometryError;
 
-/// A recipe cannot be used, or cannot be expanded with its photographs.
+/// Error of a recipe, or of its expansion with photographs.
 #[derive(Debug, thiserror::Error)]
 pub enum RecipeError {
     /// The file is not TOML, or has an unknown key or a value of the wrong type. The source error names the location.
@@ -22,7 +22,7 @@ pub enum RecipeError {
     /// A source lists a photograph twice, so the photograph could be in both splits.
     #[error("source {source_name} lists {color} twice: list each colour image once")]
     ListedTwice { source_name: String, color: String },
-    /// The source has too few photographs: splits share none, and each split needs two for a pair.
+    /// The source has too few photographs: splits share no photograph, and each split needs two for a pair.
     #[error(
         "source {source_name} has {found} photographs, but {splits} splits that share none need at \
          least {needed}: add photographs, or take this source out of a split"
@@ -32,7 +32,7 @@ pub enum RecipeError {
         found: usize,
         /// Least number of photographs, two per split.
         needed: usize,
-        /// Splits that draw from this source.
+        /// Number of splits that draw from this source.
         splits: usize,
     },
     #[error(
@@ -46,8 +46,8 @@ pub enum RecipeError {
         source: GeometryError,
     },
     #[error(
-        "scene {id}: {parameter} is from_source, but {photograph} has no value: give it under \"values\" in the \
-         source's list, or write a number or a distribution"
+        "scene {id}: {parameter} is from_source, but {photograph} has no value: add it to \"values\" in the \
+         source's list, or replace from_source by a number or a distribution"
     )]
     NoValue { id: SceneId, parameter: String, photograph: String },
     #[error(

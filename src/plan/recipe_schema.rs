@@ -1,4 +1,4 @@
-//! JSON Schema of a recipe, for editors: `manifests/recipe.schema.json`, made from the types that read recipes.
+//! JSON Schema of a recipe, for editors: `manifests/recipe.schema.json`, generated from the types that parse recipes.
 
 use super::focus::FocusRecipe;
 use super::param::{Normal, Param};
@@ -7,7 +7,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::Value;
 use std::borrow::Cow;
 
-/// The schema of `glasshouse.recipe/1`, JSON Schema 2020-12.
+/// Returns the schema of `glasshouse.recipe/1` in JSON Schema 2020-12.
 pub fn recipe_schema() -> Value {
     let mut schema = SchemaGenerator::default().into_root_schema_for::<Recipe>();
     schema.insert("title".to_owned(), "Glasshouse recipe".into());
@@ -31,7 +31,7 @@ impl JsonSchema for Param {
         };
         let many = json_schema!({ "type": "array", "items": { "type": "number" }, "minItems": 1 });
         json_schema!({
-            "description": "A constant, a distribution that each scene draws from, or what the photograph's record says.",
+            "description": "A constant, a distribution that each scene draws from, or the value in the photograph's record.",
             "anyOf": [
                 { "type": "number" },
                 { "const": "from_source" },
@@ -52,7 +52,7 @@ impl JsonSchema for FocusRecipe {
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
         let words = json_schema!({ "enum": ["front_center", "back_center", "glass", "infinity"] });
         json_schema!({
-            "description": "What is sharp: a word, metres, a distribution of metres, or a choice of words and metres.",
+            "description": "The plane in focus: a word, metres, a distribution of metres, or a choice of words and metres.",
             "anyOf": [
                 words,
                 generator.subschema_for::<Param>(),
@@ -101,7 +101,7 @@ mod tests {
                 validator.iter_errors(&json(recipe)).map(|e| e.to_string()).collect();
             assert!(wrong.is_empty(), "{wrong:?}");
         }
-        // The schema refuses values of a wrong kind, as the program does.
+        // Both the schema and the program reject values of a wrong type.
         for (from, to) in [
             ("ior = 1.6", "ior = \"glassy\""),
             ("ior = 1.6", "ior = { unifrom = [1, 2] }"),

@@ -10,25 +10,25 @@ use std::path::{Path, PathBuf};
 
 /// Inputs and options of [`crate::draft`].
 pub struct Request<'a> {
-    /// Folders by name, as given by the user.
+    /// Root folders by name, from the command line.
     pub roots: &'a Roots,
-    /// Reads input files and lists roots in object stores.
+    /// Access to input files, and to roots in object stores.
     pub inputs: &'a dyn InputFiles,
-    /// The run's folder; procedural photographs are written below it.
+    /// The run's folder, which gets the procedural photographs.
     pub run: &'a Path,
-    /// Photographs (of a manifest: scenes) that the plan leaves out from the start.
+    /// Names of photographs (for a manifest: ids of scenes) that the plan leaves out from the start.
     pub left_out: BTreeSet<String>,
-    /// The run exists: its plan stays, even if files cannot be used.
+    /// True if the run exists; its plan then stays unchanged, even if files cannot be used.
     pub is_planned: bool,
-    /// Whether input files are checked.
+    /// True if planning checks the input files.
     pub checks_files: bool,
-    /// Whether the plan leaves out photographs (of a manifest: scenes) with unusable files; otherwise they are an error.
+    /// True if the plan leaves out photographs (for a manifest: scenes) with unusable files; otherwise they are errors.
     pub skip_invalid: bool,
-    /// Threads for checks and previews.
+    /// Number of threads for checks and previews.
     pub threads: usize,
 }
 
-/// Receives progress: (step, done, all).
+/// A function that receives progress: (step, done, all).
 pub type Progress<'a> = dyn Fn(&'static str, usize, usize) + Sync + 'a;
 
 #[derive(Debug, thiserror::Error)]

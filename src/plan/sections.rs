@@ -79,7 +79,7 @@ pub(super) fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
     }
 }
 
-/// Draws the light of a side; it multiplies the light that a list gives for the photograph.
+/// Draws the light of a side and multiplies it with the light that a list gives for the photograph.
 pub(super) fn light(name: &str, recipe: SideLight<'_>, draw: Draw<'_>, side: &mut Side) {
     let (exposure, side_illuminant) = side.light_mut();
     *exposure *= draw.value(&format!("{name}.exposure"), recipe.exposure);
@@ -114,7 +114,7 @@ fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograp
         transfer: source.transfer,
         depth_unit_m: source.depth_unit_m,
         depth_kind: source.depth_kind,
-        // Estimated depths take the range from a table of categories; metric depths need none.
+        // Relative depths need a metric range, from a table of categories or from the source.
         depth_range: match source.depth_kind {
             DepthKind::Relative | DepthKind::RelativeInverse => {
                 image.depth_range.or(source.depth_range)

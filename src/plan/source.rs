@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use std::fmt;
 
-/// How a source's files are laid out.
+/// Layout of a source's files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Layout {
@@ -30,11 +30,11 @@ impl fmt::Display for Layout {
     }
 }
 
-/// `[sources.NAME]`
+/// `[sources.NAME]`: a set of photographs.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Source {
-    /// How the files are laid out.
+    /// Layout of the files.
     pub layout: Layout,
     /// Folder relative to the recipe; `--root NAME=DIR` overrides it. Default: the source's name. Not for `sample`.
     pub root: Option<String>,
@@ -42,16 +42,16 @@ pub struct Source {
     pub count: Option<u32>,
     /// `sample` only: seed of the photographs. Default: the recipe's seed.
     pub seed: Option<u64>,
-    /// `sample` only: pixels across. Default 1024.
+    /// `sample` only: width, px. Default 1024.
     pub width: Option<u32>,
-    /// `sample` only: pixels down. Default 768.
+    /// `sample` only: height, px. Default 768.
     pub height: Option<u32>,
-    /// `places` only: table of depth ranges by category.
+    /// `places` only: path of the table of depth ranges by category, relative to the recipe.
     pub depth_ranges: Option<String>,
-    /// `list` only: the list, relative to the recipe; `photographs.jsonl` in the root if missing. Its lines give the keys
-    /// below for each photograph.
+    /// `list` only: path of the list, relative to the recipe. Default: `photographs.jsonl` in the root. The lines of
+    /// the list have the keys below for each photograph.
     pub list: Option<String>,
-    /// Capture camera. Default: DIODE's, for images of the same field of view.
+    /// Capture camera. Default: the camera of DIODE, which fits images of the same field of view.
     #[serde(default = "Intrinsics::diode")]
     pub intrinsics: Intrinsics,
     /// Coding of the colour images. Default srgb.
@@ -60,22 +60,22 @@ pub struct Source {
     /// Metres per unit of the depth files. Default 1.
     #[serde(default = "one")]
     pub depth_unit_m: f64,
-    /// What the depth files measure. Default z.
+    /// Quantity in the depth files. Default z.
     #[serde(default)]
     pub depth_kind: DepthKind,
-    /// Metres for relative depths. Not for `places`: the table of categories has them.
+    /// Metric range of relative depths. Not for `places`, because the table of categories has the ranges.
     pub depth_range: Option<DepthRange>,
-    /// `places` only: folder of the depth maps, relative to the recipe; `NAME-depth` if missing.
+    /// `places` only: folder of the depth maps, relative to the recipe. Default: `NAME-depth`.
     pub depth_root: Option<String>,
-    /// Light for clipped sRGB values. Default none.
+    /// Inverse tone curve for sRGB values near 1. Default none.
     pub highlights: Option<Highlights>,
-    /// How holes are filled. Default smooth.
+    /// Method of filling holes. Default smooth.
     #[serde(default)]
     pub fill: Fill,
 }
 
 impl Source {
-    /// Size of a `sample` source's photographs, px.
+    /// Returns width and height of a `sample` source's photographs, px.
     pub fn sample_size(&self) -> [u32; 2] {
         [self.width.unwrap_or(1024), self.height.unwrap_or(768)]
     }

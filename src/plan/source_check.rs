@@ -1,4 +1,4 @@
-//! Checks the sources of a recipe: which keys each layout takes, and their ranges.
+//! Checks the sources of a recipe: the keys that each layout allows, and their ranges.
 
 use super::param::Param;
 use super::recipe_check::{bad, within};
@@ -7,7 +7,7 @@ use super::source::{Layout, Source};
 use render::line::{DepthKind, Fill, Intrinsics, Transfer};
 
 impl Source {
-    /// Checks the source; `key` is its place in the recipe.
+    /// Checks the source; `key` is the place of the source in the recipe.
     pub(super) fn check(&self, key: &str) -> Result<(), RecipeError> {
         use Layout::{Diode, List, Places, Sample};
         let keys: [(&str, bool, &[Layout]); 9] = [
@@ -74,7 +74,7 @@ impl Source {
         Ok(())
     }
 
-    /// A list gives these keys for each photograph, not for the source.
+    /// Rejects keys that a list has for each photograph, not for the source.
     fn check_list(&self, key: &str) -> Result<(), RecipeError> {
         let keys = [
             ("intrinsics", self.intrinsics != Intrinsics::diode()),

@@ -9,8 +9,8 @@ use render::ids::SceneId;
 use render::line::{Film, Photograph, Side};
 use std::collections::BTreeMap;
 
-/// The values of all `"from_source"` parameters: `back.*` from the back's record, others from the front's. The default of
-/// the focal length is that of the front photograph's camera.
+/// Finds the values of all `"from_source"` parameters: `back.*` in the back's record, others in the front's. The
+/// default of the focal length is that of the front photograph's camera.
 pub(super) fn source_values(
     recipe: &Recipe,
     id: &SceneId,
@@ -41,11 +41,11 @@ pub(super) fn source_values(
     Ok(values)
 }
 
-/// The shortest focal length with which the film sees nothing outside of the photograph.
+/// Computes the shortest focal length with which the film sees nothing outside the photograph.
 ///
-/// A film's half field of view is `hypot(36, 24) / (2 f) * side / diagonal` in tangents, a photograph's is the distance of
-/// the nearer border from the principal point over its focal length. Intrinsics without a size are assumed to have the
-/// principal point in the middle.
+/// As a tangent, a film's half field of view is `hypot(36, 24) / (2 f) * side / diagonal`. A photograph's is the
+/// distance of the nearer border from the principal point, divided by the focal length. Intrinsics without a size are
+/// assumed to have the principal point in the middle.
 fn focal_length_mm(photograph: &Photograph, film: &Film) -> f64 {
     let camera = &photograph.intrinsics;
     let size = camera.size.map_or([2.0 * camera.cx, 2.0 * camera.cy], |s| s.map(f64::from));

@@ -1,5 +1,5 @@
-//! Splits photographs between `train` and `test`. The sizes follow from the recipe's shares and never from the number of
-//! scenes, so that adding a scene moves no photograph to another split.
+//! Splits photographs between `train` and `test`. The sizes follow from the recipe's shares and never from the number
+//! of scenes, so that adding a scene moves no photograph to another split.
 
 use super::diode::SourceImage;
 use super::draw::shuffled;
@@ -9,8 +9,8 @@ use std::collections::BTreeSet;
 
 /// Distributes the photographs of a source over splits in proportion to `shares` (all above 0).
 ///
-/// Every split gets at least two, and some of each place if there are enough. The subsets depend only on the seed, the
-/// source's name and the paths.
+/// Every split gets at least two photographs, and some of each place if possible. The subsets depend only on
+/// the seed, the source's name, the photographs and the shares.
 pub(super) fn split_photographs<'a>(
     dataset_seed: u64,
     source_name: &str,
@@ -25,7 +25,7 @@ pub(super) fn split_photographs<'a>(
         });
     }
     let splits = shares.len();
-    // Integers: floating-point shares could round differently between machines.
+    // Integer weights, because floating-point shares could round differently between machines.
     let weights: Vec<u32> = shares.iter().map(|s| (s * 1e9).round().max(1.0) as u32).collect();
     let weights = weights.as_slice();
     if images.len() < 2 * splits {
@@ -61,15 +61,14 @@ pub(super) fn split_photographs<'a>(
         .collect())
 }
 
-/// Distributes `total` in proportion to `weights` by largest remainder, with at least `least` each.
-///
-/// `total` is at least the sum of `least`.
+/// Distributes `total` in proportion to `weights` by largest remainder, with the minima `least`. `total` is at least
+/// the sum of the minima.
 fn apportion(total: usize, weights: &[u32], least: &[usize]) -> Vec<usize> {
     let mut sizes = least.to_vec();
     let mut open: Vec<usize> = (0..weights.len()).collect();
     let mut left = total;
     let mut weight: u128 = weights.iter().map(|&w| u128::from(w)).sum();
-    // A split whose share is below its minimum gets the minimum, which lowers the share of the others.
+    // A split with a share below its minimum gets the minimum, which lowers the share of the others.
     while let Some(position) = open
         .iter()
         .position(|&k| (left as u128) * u128::from(weights[k]) < (least[k] as u128) * weight)
@@ -93,7 +92,7 @@ fn apportion(total: usize, weights: &[u32], least: &[usize]) -> Vec<usize> {
     sizes
 }
 
-/// Distributes `total`, fewer than the splits: one each to those with the largest shares.
+/// Gives one photograph each to the `total` splits with the largest shares. `total` is less than the number of splits.
 fn one_each(total: usize, weights: &[u32]) -> Vec<usize> {
     let mut by_share: Vec<usize> = (0..weights.len()).collect();
     by_share.sort_by_key(|&k| std::cmp::Reverse(weights[k]));
@@ -109,7 +108,7 @@ pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Photographs spread over scans of four.
+    /// Makes photographs in scans of four.
     pub(in super::super) fn set(indoors: usize, outdoor: usize) -> Vec<SourceImage> {
         let image = |place: Place, folder: &str, n: usize| SourceImage {
             depth_root: None,
@@ -129,7 +128,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn parts_are_proportional() {
+    fn subsets_are_proportional_to_the_shares() {
         let images = set(400, 600);
         let subsets = split_photographs(1, "s", &images, &[0.96, 0.04]).unwrap();
         let sizes: Vec<_> = subsets.iter().map(Vec::len).collect();
@@ -139,7 +138,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn too_few_photographs_are_refused() {
+    fn too_few_or_repeated_photographs_are_errors() {
         let error = split_photographs(1, "s", &set(2, 1), &[0.8, 0.2]).unwrap_err().to_string();
         assert!(error.contains("has 3 photographs, but 2 splits"), "{error}");
         let mut twice = set(2, 2);

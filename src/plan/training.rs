@@ -1,20 +1,20 @@
-//! `[train]` of a recipe: all settings that change the result of a training.
+//! `[train]` of a recipe: all settings that change the result of training.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Which networks learn.
+/// A stage of training, which determines the networks that learn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
     /// BT-net alone: R~ -> R.
     Backtrack,
-    /// SP-net, I -> T, R~, followed by BT-net, which continues to learn.
+    /// SP-net, I -> (T, R~), followed by BT-net, which continues to learn.
     Separation,
 }
 
 impl Stage {
-    /// The name on the command line and of the folder of its checkpoints.
+    /// Returns the name on the command line, which is also the name of the folder of checkpoints.
     pub fn name(self) -> &'static str {
         match self {
             Self::Backtrack => "backtrack",
@@ -27,10 +27,10 @@ impl Stage {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FeatureSource {
-    /// None: networks see red, green and blue, without a feature loss.
+    /// No features: the networks read red, green and blue, and the loss has no feature term.
     #[default]
     None,
-    /// VGG-19 with random weights of a fixed seed; the paper's are trained.
+    /// VGG-19 with random weights from a fixed seed; the paper uses trained weights.
     Random,
     /// VGG-19 with weights from a file.
     File,
@@ -43,17 +43,17 @@ pub enum ExampleKind {
     /// The run's tuples, rendered with glass and lens.
     #[default]
     Rendered,
-    /// The scenes' photographs, added as images by the recipe of Zhang, Ng and Chen (CVPR 2018).
+    /// Image-space mixtures of the scenes' photographs by the method of Zhang, Ng and Chen (CVPR 2018).
     Zhang,
-    /// The same by the recipe of Fan et al. (CEILNet, ICCV 2017).
+    /// Image-space mixtures of the scenes' photographs by the method of Fan et al. (CEILNet, ICCV 2017).
     Ceilnet,
 }
 
-/// Files of a tuple that pixels are read from.
+/// Files of a tuple that have the pixels for training.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PixelSource {
-    /// `tuple.exr`: sRGB-coded, clamped to [0, 1], not rounded to 8 bit.
+    /// `tuple.exr`: sRGB-coded, clamped to [0, 1], not rounded to 8 bits.
     #[default]
     Exr,
     /// The 8-bit PNGs.
@@ -75,16 +75,16 @@ pub enum Start {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainRecipe {
-    /// Steps of BT-net alone.
+    /// Number of steps of BT-net alone.
     pub backtrack_steps: u64,
-    /// Steps of SP-net and BT-net together.
+    /// Number of steps of SP-net and BT-net together.
     pub separation_steps: u64,
-    /// The settings of both stages. Default the paper's and Zhang et al.'s.
+    /// Settings of both stages. The defaults are from the paper and from Zhang et al.
     #[serde(default)]
     pub settings: TrainSettings,
 }
 
-/// Settings of a training, frozen with its first checkpoint.
+/// Settings of training, fixed by the first checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainSettings {
@@ -92,39 +92,39 @@ pub struct TrainSettings {
     pub seed: u64,
     /// Image features for the hypercolumn and the feature loss.
     pub features: FeatureSource,
-    /// Divides the widths of a random VGG-19; 1 for the published ones.
+    /// Divisor of the widths of a random VGG-19; 1 for the published widths.
     pub vgg_divisor: usize,
-    /// Channels of the generators.
+    /// Number of channels of the generators.
     pub width: usize,
-    /// Channels after the discriminators' first convolution.
+    /// Number of channels after the discriminators' first convolution.
     pub discriminator_width: usize,
     /// Initial weights of the generators.
     pub start: Start,
-    /// Examples per step.
+    /// Number of examples per step.
     pub batch: usize,
     /// Side of the square crop of an example, px.
     pub crop_px: usize,
-    /// Mirror every other example.
+    /// True if examples are mirrored with probability 1/2.
     pub flip: bool,
     /// Adam's step size.
     pub learning_rate: f64,
-    /// Weight of the mean absolute differences. The paper gives none.
+    /// Weight of the mean absolute differences. The paper does not state a value.
     pub pixel_weight: f64,
     /// Weight of the feature losses (the paper's).
     pub feature_weight: f64,
-    /// Weight of the adversarial losses (Zhang et al.: 100 times the others against 1 time this). 0: no discriminator.
+    /// Weight of the adversarial losses; 0 omits the discriminators. Zhang et al. use 1 with 100 for all other losses.
     pub adversarial_weight: f64,
-    /// Steps between updates of the discriminators (Zhang et al.).
+    /// Number of steps between updates of the discriminators (Zhang et al.).
     pub discriminator_every: u64,
-    /// SP-net also gets gradients through BT-net's output for its R~*.
+    /// True if SP-net also gets the gradients of the a priori loss, through BT-net.
     pub a_priori: bool,
     /// Source of the examples.
     pub examples: ExampleKind,
-    /// Files that pixels are read from.
+    /// Files that have the pixels.
     pub pixels: PixelSource,
-    /// Share of steps with real photographs.
+    /// Share of steps with real photographs, 0..1.
     pub real_share: f64,
-    /// Whether the first epoch follows the manifest's order, in which a farm renders the scenes.
+    /// True if the first epoch follows the manifest's order, in which a farm renders the scenes.
     pub follow: bool,
 }
 
@@ -154,7 +154,7 @@ impl Default for TrainSettings {
     }
 }
 
-/// A setting is out of range.
+/// Error of a setting out of range.
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[error("{name} is {value}, but must be {expected}")]
 pub struct SettingError {
@@ -182,7 +182,7 @@ impl TrainSettings {
         if !self.vgg_divisor.is_power_of_two() {
             return refuse("vgg_divisor", self.vgg_divisor.to_string(), "a power of two");
         }
-        // Every comparison is false for NaN.
+        // The negated conditions also reject NaN, because every comparison with NaN is false.
         let rate = self.learning_rate;
         if !(rate > 0.0 && rate < f64::INFINITY) {
             return refuse("learning_rate", rate.to_string(), "above 0");
@@ -205,7 +205,7 @@ impl TrainSettings {
         Ok(())
     }
 
-    /// Differences from `other`, one per line: `name: its value -> the other's value`.
+    /// Lists the differences from `other`: `name: own value -> other value`.
     pub fn differences(&self, other: &Self) -> Vec<String> {
         let fields = |settings: &Self| match serde_json::to_value(settings) {
             Ok(serde_json::Value::Object(fields)) => fields,

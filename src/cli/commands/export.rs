@@ -9,7 +9,7 @@ use crate::cli::target;
 use crate::doctor::{available_bytes, bytes_text};
 use crate::export::{
     ExportFormat, ExportOptions, ExportPlan, ExportWork, Exported, FolderState, PixelEncoding,
-    export, foretell_bytes, look,
+    estimate_bytes, export, look,
 };
 use clap::{Args as ClapArgs, ValueEnum};
 use render::ids::SceneId;
@@ -123,7 +123,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
     let state = look(&args.out, &plan.request)?;
     let foretold = match state {
         FolderState::Complete => None,
-        FolderState::Empty | FolderState::Begun(_) => Some(foretell_bytes(&run, &store, &plan)?),
+        FolderState::Empty | FolderState::Begun(_) => Some(estimate_bytes(&run, &store, &plan)?),
     };
     if global.dry_run {
         let counts = [Split::Train, Split::Test].map(|split| {

@@ -13,31 +13,31 @@ use render::trace::Isa;
 /// Geometric mean luminance of a metered photograph: middle grey.
 const MIDDLE_GREY: f64 = 0.18;
 
-/// Least luminance of a pixel, since black has no logarithm: about a quarter of an 8-bit step.
+/// Least luminance of a pixel, because black has no logarithm: about a quarter of an 8-bit step.
 const FLOOR: f64 = 7.6e-5;
 
-/// A scene that cannot be previewed.
+/// Error of a scene that cannot be previewed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ExposureError {
     #[error(transparent)]
     Load(#[from] LoadError),
-    /// The drawn numbers do not fit the photographs.
+    /// The drawn parameters do not fit the photographs.
     #[error(transparent)]
     Refused(#[from] AssembleError),
     #[error("I is black: no exposure or white balance brightens it")]
     Black,
 }
 
-/// A scene line with its exposures.
+/// Result of a preview.
 #[derive(Clone, Debug)]
 pub(crate) struct Exposed {
-    /// With exposures and white balance.
+    /// Scene line with exposures and white balance.
     pub line: SceneLine,
-    /// The `[reject]` bound that the scene violates.
+    /// First `[reject]` bound that the scene violates.
     pub rejected: Option<Violation>,
 }
 
-/// Sets exposures and white balance of a drawn line, whose sides have the exposures and illuminants of the recipe.
+/// Sets exposures and white balance of a drawn line, which already has the recipe's exposures and illuminants.
 pub(crate) fn auto_expose(
     line: &SceneLine,
     files: &SceneFiles,
@@ -46,7 +46,7 @@ pub(crate) fn auto_expose(
     isa: Isa,
 ) -> Result<Exposed, ExposureError> {
     let mut line = line.clone();
-    // Decode the stored values; light is linear, so exposures and illuminants are factors.
+    // Light is linear, so exposures and illuminants are factors of the decoded values.
     let mut plain = line.clone();
     for side in [&mut plain.front, &mut plain.back] {
         let (exposure, illuminant) = side.light_mut();
@@ -72,7 +72,7 @@ pub(crate) fn auto_expose(
             }
             gains_against(color)
         }
-        // Set when the line was drawn.
+        // `draw_line` has set this balance.
         WhiteBalance::None | WhiteBalance::Front | WhiteBalance::Back => line.camera.white_balance,
     };
     line.camera.white_balance = balance;
@@ -90,7 +90,7 @@ pub(crate) fn auto_expose(
     Ok(Exposed { line, rejected })
 }
 
-/// The line with camera exposure and white balance of 1.
+/// Returns the line with a camera exposure and a white balance of 1.
 fn plain_camera(line: &SceneLine) -> SceneLine {
     let mut line = line.clone();
     line.camera.exposure = 1.0;
@@ -98,7 +98,7 @@ fn plain_camera(line: &SceneLine) -> SceneLine {
     line
 }
 
-/// Geometric mean of the luminance of one side's pixels (of a mesh, its vertices), as a light meter averages it.
+/// Computes the geometric mean luminance of one side's pixels (for a mesh: its vertices), as a light meter does.
 fn mean_luminance(side: &Decoded) -> f64 {
     let radiance = match side {
         Decoded::Sheet(sheet) => &sheet.radiance,

@@ -10,10 +10,10 @@ use render::trace::{Isa, Tile, trace_tile};
 /// Longer side of the preview, px.
 pub(crate) const PREVIEW_PX: u32 = 64;
 
-/// Samples a pixel of the preview.
+/// Samples per pixel of the preview.
 pub(crate) const PREVIEW_SPP: u32 = 16;
 
-/// A scene's I, T and R~, small, in linear light.
+/// Small images of a scene's I, T and R~, in linear light.
 #[derive(Clone, Debug)]
 pub(crate) struct Preview {
     width: usize,
@@ -72,12 +72,12 @@ impl Preview {
         self
     }
 
-    /// Mean red, green and blue of I.
+    /// Computes the mean red, green and blue of I.
     pub(crate) fn mean_color(&self) -> [f64; 3] {
         [0, 1, 2].map(|c| mean(self.input.iter().map(|pixel| pixel[c])))
     }
 
-    /// The value that `percentile` of I's pixels do not exceed in their largest channel.
+    /// Finds the value that `percentile` percent of I's pixels do not exceed in their largest channel.
     pub(crate) fn percentile(&self, percentile: f64) -> f64 {
         let mut largest: Vec<f64> = self.input.iter().map(max_of).collect();
         largest.sort_by(f64::total_cmp);
@@ -85,24 +85,24 @@ impl Preview {
         largest[rank.clamp(1, largest.len()) - 1]
     }
 
-    /// Mean luminance of R~ / that of I; 0 if I is black.
+    /// Computes the mean luminance of R~ divided by that of I; 0 if I is black.
     pub(crate) fn reflected_share(&self) -> f64 {
         ratio(mean(luminances(&self.glass_reflection)), mean(luminances(&self.input)))
     }
 
-    /// Standard deviation of R~'s luminance / mean luminance of I; 0 if I is black.
+    /// Computes the standard deviation of R~'s luminance divided by the mean luminance of I; 0 if I is black.
     pub(crate) fn contrast(&self) -> f64 {
         let middle = mean(luminances(&self.glass_reflection));
         let square = mean(luminances(&self.glass_reflection).map(|v| (v - middle) * (v - middle)));
         ratio(square.sqrt(), mean(luminances(&self.input)))
     }
 
-    /// Share of I's pixels with a channel of 1 or more.
+    /// Computes the share of I's pixels with a channel of 1 or more.
     pub(crate) fn clipped_share(&self) -> f64 {
         mean(self.input.iter().map(|p| f64::from(u8::from(max_of(p) >= 1.0))))
     }
 
-    /// Structural similarity of I and T, sRGB-coded in 8 bits, grey.
+    /// Computes the structural similarity of I and T as 8-bit sRGB grey images.
     pub(crate) fn ssim(&self) -> f64 {
         let encoder = SrgbEncoder::new();
         let grey = |layer: &[[f64; 3]]| -> Vec<f64> {

@@ -1,11 +1,11 @@
-//! Previews a scene at 64 px and 16 samples, before it is traced in full: for exposures, white balance and rejection.
+//! Previews a drawn scene at 64 px and 16 samples per pixel, to set exposures and white balance or to reject it.
 //!
 //! ```text
 //! auto_expose.rs   sets exposures and white balance of the scene line
 //! images.rs        the preview and its measures       rules.rs   the `[reject]` bounds of a recipe
 //! ```
 //!
-//! Pure: a scene's numbers are equal on all machines.
+//! The module is pure: a scene gets equal numbers on all machines.
 
 mod auto_expose;
 mod images;

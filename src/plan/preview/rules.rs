@@ -7,7 +7,7 @@ use std::fmt;
 /// A measure outside its bounds.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Violation {
-    /// Its key in `[reject]`.
+    /// Key of the measure in `[reject]`.
     pub measure: &'static str,
     pub value: f64,
     /// Least and largest value that the recipe allows.
@@ -21,7 +21,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// The first bound that a preview violates.
+/// Returns the first bound that a preview violates.
 pub(crate) fn first_violation(preview: &Preview, rules: &RejectRecipe) -> Option<Violation> {
     let measures: [&dyn Fn() -> f64; 4] = [
         &|| preview.reflected_share(),
