@@ -33,14 +33,34 @@ pub struct Watch {
     pub queue: QueueState,
     /// Error of the last poll, if the queue could not be reached.
     pub queue_lost: Option<String>,
+    /// Number of changes of the control state by the status page.
+    control_changes: u64,
 }
 
 impl Watch {
+    /// Shows a control state that the status page has stored, before the next poll finds it.
+    pub fn set_control(&mut self, state: ControlState) {
+        self.snapshot.control = Control { state, reason: None };
+        self.control_changes += 1;
+    }
+
+    /// Replaces the snapshot. A poll that began before the page's last change may have read the older control state,
+    /// so its control state does not count.
+    fn update(&mut self, snapshot: Snapshot, changes_before_poll: u64) {
+        let changed = self.control_changes != changes_before_poll;
+        let control = changed.then(|| std::mem::take(&mut self.snapshot.control));
+        self.snapshot = snapshot;
+        if let Some(control) = control {
+            self.snapshot.control = control;
+        }
+    }
+
     pub fn new(run: &Run) -> Self {
         Self {
             snapshot: Snapshot::new(run, Scope::DONE),
             queue: QueueState::default(),
             queue_lost: None,
+            control_changes: 0,
         }
     }
 }
@@ -119,6 +139,7 @@ impl Coordinator<'_> {
         loop {
             let start = Instant::now();
             let full = carried.due || self.last_full.elapsed() > FULL_EVERY;
+            let changes = self.watch.lock().expect("no holder of this lock panics").control_changes;
             let (queue, taken_back) = match self.poll(full) {
                 Ok(found) => found,
                 Err(error) => {
@@ -144,7 +165,7 @@ impl Coordinator<'_> {
             if decision == Decision::Verify {
                 continue;
             }
-            self.tell(&queue, decision == Decision::Finish);
+            self.tell(&queue, changes, decision == Decision::Finish);
             if decision != Decision::Finish && self.must_stop() {
                 return Ok(self.ended(true));
             }
@@ -208,10 +229,15 @@ impl Coordinator<'_> {
     }
 
     /// Updates `watch`, and reports a change of control or an unreachable queue.
-    fn tell(&mut self, queue: &Result<QueuePoll, QueueError>, finished: bool) {
+    fn tell(
+        &mut self,
+        queue: &Result<QueuePoll, QueueError>,
+        changes_before_poll: u64,
+        finished: bool,
+    ) {
         if self.options.watched {
             let mut watch = self.watch.lock().expect("no holder of this lock panics");
-            watch.snapshot = self.snapshot.clone();
+            watch.update(self.snapshot.clone(), changes_before_poll);
             watch.queue_lost = queue.as_ref().err().map(QueueError::to_string);
             if let Ok(queue) = queue {
                 watch.queue = queue.state;

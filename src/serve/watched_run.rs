@@ -176,9 +176,7 @@ impl FarmSource for WatchedRun {
     fn act(&self, action: Action) -> Result<(), String> {
         let tell = |state| {
             set_control(&self.store, state, None, false).map_err(|e| e.to_string())?;
-            // The coordinator notices at its next poll, but the page shows the change at once.
-            let mut watch = self.watch.lock().expect("no holder of this lock panics");
-            watch.snapshot.control.state = state;
+            self.watch.lock().expect("no holder of this lock panics").set_control(state);
             Ok(())
         };
         match action {

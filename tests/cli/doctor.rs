@@ -97,7 +97,7 @@ fn a_folder_is_a_store() {
     let address = format!("file://{}", store.display());
     let arguments = ["doctor", text(folder.path()), "--store", &address, "--json"];
     let doctor = run(&arguments).expect(1).json();
-    assert!(finding(&doctor, "store")["value"].as_str().unwrap().contains("no folder"));
+    assert!(finding(&doctor, "store")["value"].as_str().unwrap().contains("does not exist"));
     assert!(!store.exists());
     std::fs::create_dir(&store).unwrap();
     let doctor = run(&arguments).expect(0).json();

@@ -86,7 +86,7 @@ fn the_same_seed_draws_the_same_scenes() {
     assert_eq!(drawn("7").as_array().unwrap().len(), SCENES / 2);
     let others = (0..8).map(|seed| drawn(&seed.to_string()));
     assert!(others.into_iter().any(|scenes| scenes != drawn("7")));
-    run(&["audit", folder, "--scene", "nobody"]).expect(2).says(&["no scene"]);
+    run(&["audit", folder, "--scene", "nobody"]).expect(2).says(&["is not a scene"]);
 }
 
 #[test]

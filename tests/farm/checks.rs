@@ -94,7 +94,7 @@ fn damaged_files_are_listed_in_one_table_and_nothing_is_written() {
     let bad = [
         (path(0, "color"), "cannot read it as PNG"),
         (path(1, "depth"), "it is empty"),
-        (path(2, "mask"), "it has 16x12 pixels, the depth image has 32x24"),
+        (path(2, "mask"), "it has 16x12 pixels, but the depth image has 32x24"),
         (path(3, "depth"), "needs 3072 bytes of data"),
     ];
     cut(&place.file(&bad[0].0), 400);

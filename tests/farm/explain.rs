@@ -69,9 +69,13 @@ fn attempts_and_quarantine_are_shown_with_their_logs() {
     let (object, words) = explain(&place.run, "train-sample-000000:3");
     assert_eq!(object["state"], "begun");
     assert_eq!(object["attempts"].as_array().unwrap().len(), 2);
-    for part in
-        ["alpha-1", "crashed: signal 6", "| last words", "attempt 2, beta-2", "held by beta-2"]
-    {
+    for part in [
+        "alpha-1",
+        "crashed: signal 6",
+        "| last words",
+        "attempt 2, beta-2",
+        "beta-2 holds the shard",
+    ] {
         assert!(words.contains(part), "no {part:?} in {words}");
     }
     let status = run(&["status", text(&place.run), "--json"]).expect(0).json();
@@ -95,7 +99,7 @@ fn an_unknown_scene_or_shard_is_an_error() {
     let place = place();
     place.plan();
     let folder = text(&place.run);
-    run(&["explain", folder, "train-9"]).expect(2).says(&["no scene", "manifest.jsonl"]);
+    run(&["explain", folder, "train-9"]).expect(2).says(&["is not a scene", "manifest.jsonl"]);
     run(&["explain", folder, "train-sample-000000:24"])
         .expect(2)
         .says(&["no shard 24", "24 shards"]);

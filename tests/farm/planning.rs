@@ -173,7 +173,7 @@ fn wrong_inputs_are_named() {
     let neither = place.folder.path().join("scenes.txt");
     std::fs::write(&neither, b"").unwrap();
     planned(&neither).expect(4).says(&["scenes.txt", ".toml"]);
-    run(&["work", text(&place.run)]).expect(4).says(&["no run", "plan"]);
+    run(&["work", text(&place.run)]).expect(4).says(&["not the folder of a run", "plan"]);
 }
 
 #[test]

@@ -296,7 +296,7 @@ fn published_pairs_are_scored() {
     let csv = read("evaluation.csv");
     assert_eq!(csv.lines().count(), 1 + 37);
     assert_eq!(csv.lines().filter(|line| line.contains(",no,")).count(), beside);
-    assert!(read("evaluation.md").contains("Without them:"));
+    assert!(read("evaluation.md").contains("Means without them:"));
     // Pictures without a known truth are named.
     assert!(read("evaluation.md").contains("ceilnet_real_inputs_only"));
 

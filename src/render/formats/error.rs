@@ -29,7 +29,7 @@ pub enum SceneError {
     #[error("{} holds {found}; give {expected}", path.display())]
     Layout { path: PathBuf, found: String, expected: &'static str },
     #[error(
-        "mask {} has {width}x{height} pixels, depth {} has {depth_width}x{depth_height}; give a mask of the depth's size, or none",
+        "mask {} has {width}x{height} pixels, but depth {} has {depth_width}x{depth_height}; give a mask of the depth's size, or none",
         path.display(),
         depth_path.display()
     )]

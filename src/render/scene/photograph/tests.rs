@@ -74,7 +74,7 @@ fn invalid_photographs_are_errors() {
     assert!(message(&line(), &masked).contains("no valid pixel with a finite depth"));
     masked.mask = Some(npy("|b1", false, "(4, 2)", &[1; 8]));
     let text = message(&line(), &masked);
-    assert!(text.contains("mask a.npy has 2x4 pixels, depth a.npy has 4x2"), "{text}");
+    assert!(text.contains("mask a.npy has 2x4 pixels, but depth a.npy has 4x2"), "{text}");
 
     let text = message(&line(), &files([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, f32::MAX, 1.0]));
     assert!(
