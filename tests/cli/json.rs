@@ -55,7 +55,7 @@ fn every_command_prints_one_object() {
 }
 
 #[test]
-fn errors_are_objects_too() {
+fn errors_are_json_objects() {
     let folder = tempfile::tempdir().unwrap();
     let nowhere = folder.path().join("nowhere");
     let nowhere = text(&nowhere);

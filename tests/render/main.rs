@@ -5,7 +5,7 @@
     clippy::disallowed_methods,
     clippy::print_stderr,
     clippy::print_stdout,
-    reason = "tests may panic in any function, damage files, show numbers, and say why they cannot run here"
+    reason = "tests may panic in any function, damage files, show numbers, and print why they are skipped"
 )]
 
 mod estimate;

@@ -55,7 +55,7 @@ fn nkey(text: &str, prefix: usize) -> (Vec<u8>, Vec<u8>) {
 }
 
 #[test]
-fn the_checksum_is_the_published_one() {
+fn crc16_and_base32_match_published_values() {
     assert_eq!(crc16(b"123456789"), 0x31c3);
     assert_eq!(base32("MZXW6YTBOI"), b"foobar");
 }
@@ -98,7 +98,7 @@ fn each_role_has_its_own_key() {
 }
 
 #[test]
-fn keys_are_for_their_owner_alone() {
+fn only_the_owner_can_read_keys() {
     let folder = tempfile::tempdir().unwrap();
     if make_keys(&folder.path().join("keys"), &["localhost"]).is_none() {
         return;

@@ -1,4 +1,4 @@
-//! Small good files of every kind: where the fuzzers start from.
+//! Small valid files of every format, the seeds of the fuzzers.
 
 use super::pictures::{images, png};
 use glasshouse::farm::queue::{Message, write_message};
@@ -14,7 +14,7 @@ use render::shard::{Golden, SPEC_SCHEMA, ShardLayout, Spec, scene_digest};
 use render::trace::{Isa, TRACER_VERSION, trace_tile};
 use std::fmt::Write;
 
-/// Reader, file name, bytes.
+/// Name of the reader, name of the file, content.
 type Seed = (&'static str, String, Vec<u8>);
 
 const LINE: &str = r#"{"schema":"glasshouse.scene/1","id":"a","split":"test","seed":7,"film":{"width":3,"height":2,"spp":4,"filter":"gaussian","order_tolerance":0.001},"camera":{"focal_length_mm":55.0,"aperture_radius_m":0.009,"focus":{"at":"front_center"}},"glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.6,"absorption_per_m":[0.1,0,5e-1],"tilt_deg":[1.5,-2]},"front":{"color":"a.png","depth":"NAME:a.npy","mask":"m.npy","transfer":"linear","depth_unit_m":0.001,"depth_kind":"distance","intrinsics":{"fx":9,"fy":9.5,"cx":1.5,"cy":1,"size":[3,2]},"exposure":2,"fill":"far"},"back":{"color":"b.png","depth":"b.npy","intrinsics":{"fx":9,"fy":9,"cx":1.5,"cy":1},"apex":"camera"}}"#;
