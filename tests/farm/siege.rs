@@ -338,7 +338,7 @@ impl Siege {
             if self.store.get("spec.json").unwrap().is_some() {
                 self.look_after();
             }
-            // The store is counted without faults, which takes some time.
+            // A scene that is merged between two listings lowers the count, so the largest count is used.
             done = done.max(self.done());
             while done * all > (count - events.len()) * results
                 && let Some(event) = events.pop()

@@ -1,4 +1,4 @@
-//! Every kind of file: read back, inspected, exported, reported, and damaged.
+//! Reads back, inspects, exports, reports and damages every kind of file.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

@@ -1,4 +1,4 @@
-//! The report in a browser, where there is one: nothing is wider than a phone, and both colour schemes can be read.
+//! Opens the report in a browser, if one is installed: it fits a phone, and both colour schemes are readable.
 
 use crate::support::browser::browse;
 use crate::support::program::{run, text};
@@ -16,7 +16,7 @@ addEventListener("load", () => {
   const found = [...document.querySelectorAll("iframe")].map(frame => {
     const inside = frame.contentDocument, page = inside.documentElement;
     const style = frame.contentWindow.getComputedStyle(inside.body);
-    // What scrolls by itself may be wider inside.
+    // Elements that scroll may be wider inside.
     const wide = [...inside.body.querySelectorAll("*")].filter(e =>
       e.getBoundingClientRect().right > page.clientWidth + 1 && !e.closest(".box, pre"));
     return { scroll: page.scrollWidth, client: page.clientWidth, wide: wide.map(e => e.outerHTML.slice(0, 200)),

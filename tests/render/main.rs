@@ -1,5 +1,5 @@
-//! Whole images: from scene lines and recipes to pixels, against an independent renderer, against photographs, and
-//! against themselves in other cuts.
+//! Renders scene lines and recipes, and compares whole images with an independent renderer, with photographs, and with
+//! renderings in other tiles and orders.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

@@ -29,7 +29,7 @@ fn plain_line() -> SceneLine {
     line
 }
 
-/// A scene of a few pixels, traced and merged by the library.
+/// Traces and merges a scene of a few pixels; returns its line, its partials and its record.
 fn traced() -> (SceneLine, Vec<Partial>, Vec<u8>) {
     let line = plain_line();
     let named = |bytes: &[u8]| NamedBytes { path: "a".into(), bytes: bytes.to_vec() };
@@ -125,7 +125,7 @@ pairs = { sample = 3 }
 "#,
 ];
 
-/// A square and a triangle, in text and in bytes.
+/// Returns a square and a triangle in each PLY format.
 fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     let header = |coding: &str, vertex: &str| {
         format!(
@@ -167,7 +167,7 @@ fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     vec![("text.ply", text.into_bytes()), ("little.ply", little), ("big.ply", big)]
 }
 
-/// Kinds that `inspect` alone reads.
+/// Returns files that only `inspect` reads.
 fn of_an_export_and_a_training() -> Vec<(&'static str, Vec<u8>)> {
     let mut shard = tar::Builder::new(vec![]);
     let picture = png(&[7; 12], 2, 2, Png::Rgb8);
@@ -190,7 +190,7 @@ fn of_an_export_and_a_training() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// Seeds of all readers.
+/// Returns the seeds of all readers.
 pub(crate) fn all() -> Vec<Seed> {
     let mut seeds: Vec<Seed> = vec![];
     for (name, bytes) in images() {
@@ -240,7 +240,7 @@ pub(crate) fn all() -> Vec<Seed> {
     seeds
 }
 
-/// Messages between the processes of a farm.
+/// Returns messages between the processes of a farm.
 fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
     let waiting = Message { task: Task { scene: 7, shards: 16..32 }, hops: 1 };
     let records = [
