@@ -15,7 +15,7 @@
 //! | Nyquist checkerboard | box-filtered triangle wave | `checkerboard` |
 //! | depths of 1e-3 and 1e5 m in one image | the photograph for a pinhole without glass; otherwise f64 | [`extreme_depths_do_not_change_a_pinhole_image`], [`extreme_depths_match_f64`] |
 //! | NaN, infinite, 0, negative depth | filled holes | [`holes_in_a_plane_leave_no_trace`], `farm` (quarantine) |
-//! | 1 x 1, 1 x N photographs and films | T = R = the colour; otherwise f64 | [`one_row_or_column_matches_f64`], `hard_cases` |
+//! | 1 x 1, 1 x N photographs, films | T = R = the colour; otherwise f64 | [`one_row_or_column_matches_f64`], `hard_cases` |
 
 use crate::case::{Apex, CLEAN, Case, GLASS, I, Photo, T, noise};
 use crate::pixels::compare;
@@ -27,7 +27,7 @@ fn close(name: &str, value: f32, expected: f64, bound: f64) {
     assert!(off.abs() <= bound, "{name}: {value}, not {expected} (off by {off:.1e})");
 }
 
-/// Renders a pixel of a few arc seconds at `incidence` degrees, for radiances `front` and `back`; returns it and the tail.
+/// Renders a pixel of a few arc seconds at `incidence` degrees for two flat photographs; returns it and the tail.
 fn glancing(incidence: f64, [front, back]: [f64; 2], tolerance: f64) -> (PixelMeans, f64) {
     let mut case = Case::new(Photo::flat(2.0, [front; 3]), Photo::flat(2.0, [back; 3]));
     case.film = [1, 1];

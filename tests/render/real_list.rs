@@ -32,7 +32,8 @@ fn line(set: &Set, color: &str, depth: &str) -> Value {
     line
 }
 
-/// Makes lines of photographs with relative depth and unknown cameras; their assumed horizontal field of view is 60 degrees.
+/// Makes lines of photographs with relative depth. Their cameras are unknown, and get a horizontal field of view of 60
+/// degrees.
 fn estimates() -> [Value; 2] {
     let camera = |width: u32, height: u32| {
         let [w, h] = [width, height].map(f64::from);
