@@ -1,4 +1,4 @@
-//! `bench`: its measurements, and the files that it writes.
+//! Tests the measurements of `bench`, and the files that it writes.
 
 use crate::support::outputs::read_json;
 use crate::support::program::{run_line, text};

@@ -1,4 +1,4 @@
-//! Shell completions, and man pages of every command.
+//! Tests shell completions, and man pages of every command.
 
 use crate::support::program::{Ended, command, run, text};
 use clap::CommandFactory;

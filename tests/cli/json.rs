@@ -1,4 +1,4 @@
-//! `--json`: one JSON object on stdout, progress and notes on stderr.
+//! With `--json`, every command prints one JSON object to stdout, and progress and notes to stderr.
 
 use crate::support::program::{run, run_line, text};
 use crate::support::scenes::{photographs, place, scene};

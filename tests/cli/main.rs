@@ -1,4 +1,4 @@
-//! The command line: help, completions, signals, `--json`, exit codes, and the commands that only read or measure.
+//! Tests the command line: help, completions, signals, `--json`, exit codes, and commands that only read or measure.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

@@ -1,4 +1,4 @@
-//! Signals, time limits, locks and full disks: finished work stays, and the exit code tells the reason.
+//! After signals, time limits and full disks, finished work stays, and the exit code gives the reason.
 
 use crate::support::outputs::{assert_same, assert_tidy, files, manifest, tuples};
 use crate::support::program::{Ended, command, run, run_on_full_disk, send, text, wait_until};
@@ -62,7 +62,7 @@ fn an_interrupted_render_gives_a_json_error() {
         child.wait().unwrap();
         return;
     }
-    // Bit 14 of SigCgt: SIGTERM is caught.
+    // Bit 14 of SigCgt is set if the process catches SIGTERM.
     let catches = || {
         let text = std::fs::read_to_string(&status).unwrap_or_default();
         let mask = text.lines().find_map(|l| l.strip_prefix("SigCgt:"));
@@ -109,7 +109,7 @@ fn a_second_process_exits_with_75() {
     for arguments in [vec!["work", folder], vec!["merge", folder], place.arguments("run", &[])] {
         run(&arguments).expect(75).says(&["another process", folder]);
     }
-    // Reading is allowed.
+    // Commands that only read are allowed.
     run(&["status", folder]).expect(0);
     drop(lock);
     run(&["work", folder]).expect(0);

@@ -90,7 +90,7 @@ fn the_same_seed_draws_the_same_scenes() {
 }
 
 #[test]
-fn partials_are_compared_and_other_inputs_are_no_verdict() {
+fn partials_are_compared_unless_inputs_have_changed() {
     let place = place();
     place.plan();
     let folder = text(&place.run);
@@ -106,7 +106,7 @@ fn partials_are_compared_and_other_inputs_are_no_verdict() {
     assert_eq!(differences.len(), 1);
     assert_eq!(differences[0]["file"], format!("partials/{id}/000001.exr"));
     assert_eq!(differences[0]["pixels"], 1);
-    // Adding 1 rounds the pixel's f32.
+    // The addition has rounded the f32 value.
     let largest = differences[0]["largest"].as_f64().unwrap();
     assert!((largest - 1.0).abs() < 1e-6, "{largest}");
 

@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// The instruction set of the machine that trained the kept run: another one yields other bits of the networks.
+/// The instruction set of the machine that trained the kept run. Networks repeat to the bit on one type of CPU only.
 const CODE_PATH: &str = "avx512f";
 
 fn unpacked() -> TempDir {

@@ -147,7 +147,7 @@ fn paths_in_scene_lines_start_at_their_folder_or_a_root() {
 }
 
 #[test]
-fn wrong_inputs_are_named() {
+fn errors_name_the_wrong_input() {
     let place = place();
     let plan = || run(&place.arguments("plan", &[]));
     std::fs::write(&place.recipe, RECIPE.replace("spp", "ssp")).unwrap();

@@ -46,7 +46,7 @@ fn a_scene_that_kills_four_processes_is_quarantined() {
     let work = ["work", text(&place.run), "--fault", &fault];
     assert_aborted(&run(&work));
     assert_eq!(attempts(&place.run, poison).len(), 1);
-    // Three children die; this process goes on.
+    // Three child processes die, and their parent continues.
     run(&work).expect(3).says(&[
         "a child process traces it",
         "SIGABRT",
@@ -71,7 +71,7 @@ fn a_scene_that_kills_four_processes_is_quarantined() {
 
 /// A scene that did not cause the crash of its process is rendered in a child process, without quarantine.
 #[test]
-fn an_innocent_suspect_is_done_in_a_child_process() {
+fn a_good_scene_of_a_crashed_process_is_rendered_in_a_child() {
     let place = place();
     place.plan();
     let innocent = &ids(&place.run)[2];
@@ -88,7 +88,7 @@ fn an_innocent_suspect_is_done_in_a_child_process() {
 
 /// A scene that aborts its process on a farm; the test restarts dead workers, as systemd does.
 #[test]
-fn poison_costs_a_farm_four_processes_at_most() {
+fn a_scene_aborts_at_most_four_processes_of_a_farm() {
     let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
@@ -121,7 +121,7 @@ fn poison_costs_a_farm_four_processes_at_most() {
 
 /// The tracer of a worker hangs while its lease keeper runs: the worker ends, and another one takes the task.
 #[test]
-fn a_worker_that_hangs_leaves_its_work_to_others() {
+fn another_worker_takes_the_task_of_a_hanging_worker() {
     let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();

@@ -105,7 +105,7 @@ fn bad_scenes_are_quarantined_and_good_ones_rendered() {
         assert!(!out.join("tuples").join(id).exists());
     }
 
-    // A second run reports the same scenes without an attempt, although a file is back.
+    // A second run reports the same scenes without an attempt, although a missing file exists again.
     std::fs::copy(folder.path().join("b.png"), folder.path().join("nowhere.png")).unwrap();
     let status = run(&["status", text(&out), "--json"]).expect(3).json();
     assert_eq!(status["merged"], 1);

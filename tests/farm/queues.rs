@@ -45,7 +45,7 @@ fn both(test: impl Fn(&dyn QueueKeeper, &dyn Queue, &dyn Queue)) {
 }
 
 #[test]
-fn a_queue_is_a_set() {
+fn a_queue_holds_each_message_once() {
     both(|keeper, a, b| {
         let spans = [message(0, 0, 4, 0), message(1, 0, 4, 0)];
         keeper.publish(&spans[..1]).unwrap();

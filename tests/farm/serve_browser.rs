@@ -17,7 +17,7 @@ fn the_script_puts_new_numbers_into_the_page() {
         view.workers[0].name = HOSTILE.to_owned();
         view.quarantine[0].reason = HOSTILE.to_owned();
     }
-    // Each view of the run has one scene more than the one before: the first page shows 1,235.
+    // Each view of the run has one more finished scene than the last, and the first page shows 1,235.
     run.goes_on.store(true, Ordering::Relaxed);
     let server = start(&run, None);
     let url = format!("http://{}/", server.address());

@@ -19,11 +19,11 @@ fn slow_clients_block_no_other() {
         stream.write_all(text.as_bytes()).unwrap();
         stream
     };
-    // Incomplete requests and unread responses.
+    // The test sends incomplete requests, and requests without reading the responses.
     let mut slow: Vec<TcpStream> = (0..40).map(|_| half("GET / HTTP/1.1\r\nHost: loc")).collect();
     let unread = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(50);
     slow.extend((0..10).map(|_| half(&unread)));
-    // A store that hangs, and requests for more pictures than may wait at a time.
+    // The store hangs, and the test requests more pictures than may wait at a time.
     *run.store_hangs.0.lock().unwrap() = true;
     let picture = "GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n";
     slow.extend((0..20).map(|_| half(picture)));

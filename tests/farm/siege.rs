@@ -256,7 +256,7 @@ impl Siege {
         self.ends.push(format!("{}: {:?}", name(number), ended.code));
     }
 
-    /// Number of shards with a result in the store.
+    /// Returns the number of shards with a result in the store.
     fn done(&self) -> usize {
         let count = |folder: &str| self.store.list(folder).unwrap();
         let tuples = count("receipts").len();

@@ -1,4 +1,4 @@
-//! The properties of a store that the farm needs, on a disk and behind S3, with a reliable and with a failing server.
+//! Tests the properties of a store that the farm needs, on a disk and on S3, with a reliable and a failing server.
 
 use crate::support::moto::Moto;
 use crate::support::s3_server::{BUCKET, S3Server};

@@ -8,7 +8,7 @@ use crate::support::workplace::run_in;
 use serde_json::Value;
 use std::path::Path;
 
-/// Output of `inspect` for a changed file; restores the file.
+/// Returns the output of `inspect` for a changed file; restores the file.
 fn inspect(
     folder: &Path,
     path: &Path,

@@ -64,7 +64,7 @@ fn tuples(html: &Html) -> Vec<ElementRef<'_>> {
 }
 
 #[test]
-fn numbers_are_those_of_the_tuples() {
+fn the_report_has_the_numbers_of_the_tuples() {
     let folder = finished();
     let folder = folder.path();
     let (page, said) = report(folder, 0, &[]);

@@ -28,7 +28,7 @@ addEventListener("load", () => {
 });
 </script></body></html>"#;
 
-/// Relative luminance of `rgb(r, g, b)` (WCAG 2).
+/// Returns the relative luminance of `rgb(r, g, b)` (WCAG 2).
 fn luminance(colour: &str) -> f64 {
     let numbers = colour.trim_start_matches("rgb(").trim_end_matches(')');
     let linear: Vec<f64> = numbers
@@ -39,13 +39,13 @@ fn luminance(colour: &str) -> f64 {
 }
 
 #[test]
-fn the_report_suits_phones_and_both_colour_schemes() {
+fn the_report_fits_phones_and_is_readable_in_both_colour_schemes() {
     let place = place();
     run(&place.arguments("run", &[])).expect(0);
     let folder = place.run.join("report");
     std::fs::write(folder.join("measure.html"), MEASURE).unwrap();
     let mut pages = Vec::new();
-    // 0 is dark, 1 is light.
+    // Scheme 0 is dark, and scheme 1 is light.
     for scheme in ["0", "1"] {
         let url = format!("file://{}", text(&folder.join("measure.html")));
         let scheme = format!("--blink-settings=preferredColorScheme={scheme}");

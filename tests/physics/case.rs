@@ -174,8 +174,8 @@ impl Case {
             absorption_per_m: self.absorption_per_m,
         };
         let front = self.front.view(Pose::Aligned { extra_m: 0.0 }, false);
-        // Mirrored coordinates X' = M X + 2 D n; apex `camera` sees diag(-1, 1, -1) (M X' + 2 D n), and the view's
-        // negative focal length takes the sign of x.
+        // Mirrored coordinates are X' = M X + 2 D n; those of apex `camera` are diag(-1, 1, -1) (M X' + 2 D n), where
+        // the view's negative focal length takes the sign of x.
         let pose = match self.apex {
             Apex::Mirror => Pose::Aligned { extra_m: 0.0 },
             Apex::Camera if normal == DVec3::Z => Pose::Aligned { extra_m: 2.0 * distance_m },

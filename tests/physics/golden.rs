@@ -130,7 +130,7 @@ fn scenes_converge_to_their_references() {
     }
 }
 
-/// Writes `tests/physics/golden/*.npy` in a core minute. The seeds differ from those of the scenes.
+/// Writes `tests/physics/golden/*.npy` in a minute on one core. The seeds differ from those of the scenes.
 #[test]
 #[ignore = "writes the references"]
 fn references_are_made() {

@@ -10,7 +10,7 @@ fn survives(name: &str, case: &Case, limit: f32) -> Vec<render::trace::PixelMean
     let (sender, receiver) = mpsc::channel();
     let moved = case.clone();
     std::thread::spawn(move || {
-        // The receiver may have given up.
+        // The receiver is gone after a timeout.
         let _ = sender.send(whole_film(&moved.scene(), Isa::detect()));
     });
     let result = receiver

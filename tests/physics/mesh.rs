@@ -91,7 +91,7 @@ fn white_rooms_stay_white() {
 
 /// A sphere seen through a pinhole covers an ellipse of known area, and its nearest point has a known depth.
 #[test]
-fn a_sphere_has_its_size_and_depth() {
+fn a_sphere_has_the_expected_size_and_depth() {
     let mut case = case_without_photographs();
     (case.film, case.aperture_m, case.thickness_m, case.spp) = ([64, 64], 0.0, 0.0, 256);
     let pixel = 2.0 * case.tan_half_fov()[0] / 64.0;

@@ -82,19 +82,19 @@ fn case(front: Relief, back: Relief) -> Case {
 }
 
 #[test]
-fn steps_untilted_mirror() {
+fn steps_match_with_apex_mirror() {
     compare("steps, mirror", &case(Relief::Steps, Relief::Steps));
 }
 
 #[test]
-fn noise_untilted_camera() {
+fn noise_matches_with_apex_camera() {
     let mut case = case(Relief::Noise, Relief::Noise);
     case.apex = Apex::Camera;
     compare("noise, camera", &case);
 }
 
 #[test]
-fn smooth_at_256_samples_with_gaussian_filter() {
+fn smooth_surfaces_match_with_the_gaussian_filter() {
     let mut case = case(Relief::Smooth, Relief::Smooth);
     case.spp = 256;
     case.gaussian = true;
@@ -102,7 +102,7 @@ fn smooth_at_256_samples_with_gaussian_filter() {
 }
 
 #[test]
-fn tilted_mirror_with_absorption() {
+fn tilted_absorbing_panes_match_with_apex_mirror() {
     let mut case = case(Relief::Steps, Relief::Noise);
     case.tilt_deg = [30.0, -30.0];
     case.absorption_per_m = [0.0, 5.0, 40.0];
@@ -112,7 +112,7 @@ fn tilted_mirror_with_absorption() {
 }
 
 #[test]
-fn tilted_camera() {
+fn tilted_panes_match_with_apex_camera() {
     let mut case = case(Relief::Steps, Relief::Steps);
     case.apex = Apex::Camera;
     case.tilt_deg = [-12.0, 20.0];
@@ -121,7 +121,7 @@ fn tilted_camera() {
 }
 
 #[test]
-fn tilted_camera_on_smooth_surfaces() {
+fn smooth_surfaces_match_with_a_tilted_pane_and_apex_camera() {
     let mut case = case(Relief::Smooth, Relief::Smooth);
     case.apex = Apex::Camera;
     case.tilt_deg = [25.0, 10.0];
@@ -131,7 +131,7 @@ fn tilted_camera_on_smooth_surfaces() {
 }
 
 #[test]
-fn thick_glass_wide_lens_near_focus() {
+fn thick_glass_matches_with_a_wide_lens_and_near_focus() {
     let mut case = case(Relief::Noise, Relief::Steps);
     case.aperture_m = 0.04;
     case.focus_m = 0.9;
@@ -141,7 +141,7 @@ fn thick_glass_wide_lens_near_focus() {
 }
 
 #[test]
-fn weak_orders_over_several_blocks() {
+fn weak_orders_match_over_several_blocks() {
     let mut case = case(Relief::Smooth, Relief::Steps);
     case.spp = 512;
     case.film = [4, 7];

@@ -87,7 +87,7 @@ impl<'a> Sheet<'a> {
         };
         let slope = (d.truncate()) / d.z;
         let foot = origin.truncate() - origin.z * slope;
-        // Pixel centres at integers.
+        // Pixel centres are at integers here.
         let line = |k: usize| {
             let (f, c) = (photo.focal_px[k], photo.center_px[k] - 0.5);
             (f * slope[k] + c, f * foot[k])

@@ -52,7 +52,7 @@ fn energy_does_not_depend_on_the_lens() {
 
 /// The spot's second moment equals that of a uniform disc, widened by pixel and texel.
 #[test]
-fn circle_of_confusion_has_its_radius() {
+fn circle_of_confusion_has_the_expected_radius() {
     for (depth_m, focus_m) in [(2.0, 1.0), (1.0, 4.0), (5.0, f64::INFINITY)] {
         let mut case = case(depth_m, focus_m, 0.02);
         case.film = [129, 129];

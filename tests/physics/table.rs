@@ -89,7 +89,7 @@ fn weights_match_published_values() {
         check("r1", both - r_0, 1, 2e-7);
         check("total T", all_front.mean[I][0], 4, front_tail + 1e-6);
         check("total R", all_back.mean[I][0], 5, back_tail + 1e-6);
-        // Energy is conserved: the dropped orders are bounded, the others add up to white.
+        // Energy is conserved: the dropped orders are bounded, and the others add up to white.
         let sum = f64::from(all_front.mean[I][0]) + f64::from(all_back.mean[I][0]);
         assert!(sum <= 1.0 + 1e-6 && sum >= 1.0 - front_tail - back_tail - 1e-6);
         println!(
@@ -136,7 +136,7 @@ fn pinholes_ignore_the_focus() {
     assert_eq!(rendered[0], rendered[1]);
 }
 
-/// Compares with a midpoint rule over pixel and lens, sixteen steps per axis, of a plane's radiance where lines hit it.
+/// Compares pixels with a midpoint rule over pixel and lens, 16 steps per axis, of the radiance where lines hit a plane.
 #[test]
 fn planes_render_as_mean_radiances() {
     const DEPTH_M: f64 = 2.4;
@@ -179,7 +179,7 @@ fn planes_render_as_mean_radiances() {
                 (2.0 * (f64::from(x) + a) / 8.0 - 1.0) * tx,
                 (2.0 * (f64::from(y) + b) / 6.0 - 1.0) * ty,
             );
-            // Equal areas of the disc.
+            // Equal steps of c cover equal areas of the disc.
             let (radius, angle) = (c.sqrt() * case.aperture_m, d * std::f64::consts::TAU);
             let lens = DVec2::new(angle.cos(), angle.sin()) * radius;
             let direction = p - lens / case.focus_m;

@@ -25,7 +25,7 @@ impl Measured {
     }
 }
 
-/// Returns the value with the largest error. `expected` has a value for pixel `q` and colour `c`, or `None`.
+/// Returns the value with the largest error. `expected` returns the expected value of a pixel and colour, if any.
 pub(crate) fn farthest(
     layer: &[[f32; 3]],
     expected: impl Fn(usize, usize) -> Option<f64>,

@@ -70,13 +70,13 @@ const LENS: &[Check] = &[
     // The same ramps, focused at infinity, from EXR files.
     ("ramp-infinity", T, Ramp([0.5, 0.2, 0.1]), 4e-5),
     ("ramp-infinity", R, Ramp([0.5, -0.15, 0.3]), 4e-5),
-    // 2 m away, focused at 1 m, no glass.
+    // The light is 2 m away, with the focus at 1 m and without glass.
     ("light-near-focus", T, RadiusPx(2.0549, 2.0), 0.01),
     ("light-near-focus", T, RedSum(4.0e6), 1e4),
-    // 1 m away, focused at 4 m, through the pane: 3.0823 px without it.
+    // The light is 1 m away, with the focus at 4 m and through the pane; the radius is 3.0823 px without it.
     ("light-through-glass", T, RadiusPx(3.0978, 1.0), 0.01),
     ("light-through-glass", T, RedSum(4.030_17e6), 1e4),
-    // 5 m away, focused at infinity, no glass.
+    // The light is 5 m away, with the focus at infinity and without glass.
     ("light-infinity", T, RadiusPx(0.822, 5.0), 0.01),
     ("light-infinity", T, RedSum(4.0e6), 1e4),
     // The light is behind: the disc of each order has the order's share of the light.
@@ -91,7 +91,7 @@ const PICTURES: &[Check] = &[
     ("nyquist-1-4", R, Checker(17), 3e-3),
     ("photograph-1x1", T, Value([0.25, 0.5, 0.75]), 0.0),
     ("photograph-1x1", R, Value([0.75, 0.5, 0.25]), 0.0),
-    // Depth images of one column and of one row, of one depth, equal larger ones.
+    // Depth images of one column or row with constant depth equal larger ones.
     ("photograph-1xn", T, SameAs("plain", T), 1e-6),
     ("photograph-1xn", R, SameAs("plain", R), 1e-6),
     ("film-1x1", T, Value([0.25, 0.5, 0.75]), 0.0),

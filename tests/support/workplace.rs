@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
-/// Returns a copy for one use.
+/// Returns a copy of the folder for one use.
 pub(crate) fn workplace() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     copy_folder(made(), folder.path());

@@ -29,7 +29,7 @@ fn lines_of_text(place: &str, text: &str) -> Vec<Line> {
         });
         for (start, _) in starts {
             let rest = &words[start + 1..];
-            // `"$(command -v glasshouse)"`
+            // Skips the rest of `"$(command -v glasshouse)"`.
             let rest = rest.strip_prefix(["-v", "glasshouse)\""].as_slice()).unwrap_or(rest);
             let is_end = |word: &&str| {
                 word.starts_with(['|', '&', ';', '>', '#', ')']) || word.starts_with("2>")
@@ -154,7 +154,7 @@ fn command_lines_are_found_in_texts() {
     let found = lines_of_text("", text);
     let words: Vec<Vec<&str>> =
         found.iter().map(|l| l.words.iter().map(String::as_str).collect()).collect();
-    // The first word of a command substitution is `$(glasshouse`, which is not a command here.
+    // `x=$(glasshouse` is not the word `glasshouse`, so that the first line has no command.
     assert_eq!(words, [["status", "R", "--json"]]);
     let found = lines_of_text("", "    exec glasshouse work r --queue q -j4 & # --no\n");
     assert_eq!(found[0].words, ["work", "r", "--queue", "q", "-j4"]);

@@ -67,7 +67,7 @@ fn mounted_volumes_exist_and_secrets_are_read_only() {
             assert!(found.is_some() || is_claim, "{name} has no volume {volume}");
             if let Some(secret) = found.and_then(|v| at(v, "secret.secretName").as_str()) {
                 assert_eq!(mount["readOnly"].as_bool(), Some(true), "{name}: {volume}");
-                // make-keys.sh names the roles' folders.
+                // make-keys.sh makes a folder for each of these roles.
                 let role = secret.strip_prefix("glasshouse-").unwrap();
                 assert!(["server", "coordinator", "worker"].contains(&role));
             }

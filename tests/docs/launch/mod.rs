@@ -1,4 +1,4 @@
-//! The launch files of `workers/`, checked with the tools that are installed and with the program.
+//! Checks the launch files of `workers/` with the program and with installed tools.
 
 mod flags;
 mod kubernetes;

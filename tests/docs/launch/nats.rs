@@ -36,7 +36,7 @@ fn base32(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// CRC-16/XMODEM, the checksum of nkeys.
+/// Computes CRC-16/XMODEM, the checksum of nkeys.
 fn crc16(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0, |crc, byte| {
         (0..8).fold(crc ^ (u16::from(*byte) << 8), |crc, _| {
@@ -135,7 +135,7 @@ fn existing_keys_are_kept_and_missing_keys_are_made() {
     let first = all();
     make_keys(&folder.path().join("keys"), &["localhost"]).unwrap();
     assert_eq!(all(), first);
-    // Replace a key and rename the server.
+    // The test deletes a key and renames the server.
     std::fs::remove_dir_all(folder.path().join("keys/worker")).unwrap();
     make_keys(&folder.path().join("keys"), &["queue.example", "::1"]).unwrap();
     let second = all();

@@ -29,7 +29,7 @@ pub(crate) fn strings(value: &Yaml) -> Vec<&str> {
     list.iter().map(|item| item.as_str().unwrap()).collect()
 }
 
-/// Returns the value of `--flag`, which words give as `--flag=value` or `--flag value`.
+/// Returns the value of a flag in a command line, from `--flag=value` or `--flag value`.
 pub(crate) fn argument<'a>(words: &[&'a str], flag: &str) -> Option<&'a str> {
     let joined = words.iter().find_map(|word| word.strip_prefix(flag)?.strip_prefix('='));
     joined.or_else(|| {

@@ -1,5 +1,5 @@
-//! Runs every reader on the seeds of the fuzz targets and on truncated seeds: it returns, and accepted values are
-//! valid. CONTRIBUTING.md describes the fuzzers.
+//! Runs every reader on the seeds of the fuzz targets and on truncated seeds: every call returns, and accepted values
+//! are valid. CONTRIBUTING.md describes the fuzzers.
 
 mod pictures;
 #[path = "../../../fuzz/readers.rs"]
@@ -52,7 +52,7 @@ fn every_reader_survives_the_seeds_of_the_others() {
     }
 }
 
-/// `cargo test --release --test formats seeds_are_made -- --ignored`
+/// Writes the seeds: `cargo test --release --test formats seeds_are_made -- --ignored`.
 #[test]
 #[ignore = "writes fuzz/seeds"]
 fn seeds_are_made() {
