@@ -1,10 +1,10 @@
-# Each line is one command; `.ci/run` is what decides.
+# Short names of single commands. A change must pass `.ci/run`.
 
 # all checks and tests
 check:
     .ci/run
 
-# under two minutes when warm: form, rules, lints, optics
+# format, lints and unit tests: under two minutes after a build
 quick:
     cargo fmt --check
     cargo clippy --release --workspace -- -D warnings

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Checks the shape of the source: import cycles, imports against the order of the pipeline, long files, long functions.
+"""Checks the source's structure: import cycles, imports against the order of the pipeline, long files and functions.
 
-Rules: no cycle of more than three files; no module imports a module that src/lib.rs lists after it; no file above 500 lines;
-no function above 100 lines. Tests (files `tests.rs`, `*_tests.rs` and below `tests/`, and `#[cfg(test)]` modules) may import
-anything. Imports are read as text: `use` declarations and paths that begin with `crate`, `super` or a member's name. A `mod.rs` or
-`lib.rs` without functions only re-exports: an import of it is no edge. Prints one line for each violation and exits with 1.
+Rules: no cycle of more than three files, no import of a module that src/lib.rs lists later, no file above 500 lines,
+no function above 100 lines. Tests (`tests.rs`, `*_tests.rs`, files below `tests/`, `#[cfg(test)]`) may import anything.
+Imports are `use` declarations, and paths that begin with `crate`, `super` or a member's name. A `mod.rs` or `lib.rs`
+without functions only re-exports and has no edges. Each violation prints a line, and the exit code is 1.
 """
 import re
 import sys
@@ -17,7 +17,7 @@ FACES = ("mod", "lib", "main")
 
 
 def packages():
-    """Library name -> source folder, of the root package and the members below src/."""
+    """Yields library name and source folder of the root package and of the members below src/."""
     for manifest in [ROOT / "Cargo.toml", *sorted(ROOT.glob("src/*/Cargo.toml"))]:
         toml = tomllib.loads(manifest.read_text())
         library = toml.get("lib", {})
@@ -26,7 +26,7 @@ def packages():
 
 
 def modules(folders):
-    """(package, module path) -> file."""
+    """Returns the file of each (package, module path)."""
     found = {}
     for package, folder in folders.items():
         members = [other for other in folders.values() if other != folder and folder in other.parents]
@@ -45,7 +45,7 @@ def without_tests_and_comments(text):
 
 
 def leaves(prefix, tree):
-    """The paths of a `use` tree: `a::{b, c::{d, e}}` has a::b, a::c::d and a::c::e."""
+    """Yields the paths of a `use` tree: a::b, a::c::d and a::c::e for `a::{b, c::{d, e}}`."""
     tree = tree.strip()
     group = re.fullmatch(r"([\w:]*)\{(.*)\}", tree, re.S)
     if not group:
@@ -61,7 +61,7 @@ def leaves(prefix, tree):
 
 
 def resolve(files, key, path):
-    """The module that `path` names in the module `key`: the longest prefix that is one."""
+    """Returns the module that `path` names in the module `key`: the longest prefix of `path` that is a module."""
     package, here = key
     parts = [part for part in path.split("::") if part]
     if not parts:
@@ -95,7 +95,7 @@ def imports(files):
 
 
 def cycles(graph):
-    """Strongly connected components of more than one module (Tarjan)."""
+    """Returns the strongly connected components of more than one module (Tarjan)."""
     number, lowest, stack, found = {}, {}, [], []
 
     def visit(key):
@@ -119,7 +119,7 @@ def cycles(graph):
 
 
 def long_functions(lines):
-    """(name, lines) of each function above the limit: rustfmt puts its last brace under its first letter."""
+    """Yields name and length of each function above the limit; rustfmt aligns its last brace with its first letter."""
     for start, line in enumerate(lines):
         head = re.match(r"(\s*)(?:pub(?:\([^)]*\))? )?(?:const |async |unsafe )*fn (\w+)", line)
         if head:
@@ -144,9 +144,9 @@ def violations():
     for key, file in files.items():
         lines = file.read_text().splitlines()
         if len(lines) > MAX_FILE_LINES:
-            yield f"{relative[key]} has {len(lines)} lines, at most {MAX_FILE_LINES} are allowed: split it by subject"
+            yield f"{relative[key]} has {len(lines)} lines, above the limit of {MAX_FILE_LINES}: split it by subject"
         for name, length in long_functions(lines):
-            yield f"fn {name} in {relative[key]} has {length} lines, at most {MAX_FUNCTION_LINES} are allowed"
+            yield f"fn {name} in {relative[key]} has {length} lines, above the limit of {MAX_FUNCTION_LINES}"
 
 
 found = list(violations())

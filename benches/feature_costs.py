@@ -1,20 +1,20 @@
 #!/usr/bin/env python3
-"""What a feature costs: CPU seconds of one scene with it, over those of the plain scene. Prints a Markdown table.
+"""Measures the cost of each feature: CPU seconds of a scene with it over those of a plain scene, as a Markdown table.
 
     cargo build --release
     benches/feature_costs.py [--rounds 5] [--only NAME] [--glasshouse FILE] [--against OTHER_BUILD]
 
-The plain scene: two procedural photographs of 1024 x 768 px (`glasshouse sample`), 256 x 256 px, 256 samples, the paper's lens
-and pane, apex `mirror`. Each row changes what its name says and nothing else. Rows are run in turns, one thread, round after
-round; figures are medians of the rounds:
+The plain scene has two procedural photographs of 1024 x 768 px (`glasshouse sample`), 256 x 256 px, 256 samples, the
+paper's lens and pane, and apex `mirror`. Each row changes only the setting in its name. Every round renders all rows
+once, with one thread; figures are medians of the rounds:
 
-- trace: user and system seconds of `render -j 1`, less those of `render -n` (which reads, decodes and stops), less the shortest
-  wall time of writing the images. CPU seconds, because machines are shared.
-- ratio: of the medians, over the plain scene's; in brackets the least and the most of the rounds over the plain scene's median.
+- trace: user and system seconds of `render -j 1`, minus those of `render -n` (which reads, decodes and stops), minus
+  the shortest wall time of writing the images. CPU seconds, because machines are shared.
+- ratio: the median over that of the plain scene; in brackets, minimum and maximum of the rounds over the latter.
 - files: user and system seconds of `render -n`.
 
-`--against` adds a row: the plain scene with another build of the program (such as one without a feature). Needs Python 3.9
-alone, Linux or macOS.
+`--against` adds a row: the plain scene with another build of the program (such as one without a feature). The script
+needs only Python 3.9, on Linux or macOS.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pathlib import Path
 INTRINSICS = {"fx": 886.81, "fy": 927.06, "cx": 512.0, "cy": 384.0, "size": [1024, 768]}
 LAYERS = ["input", "transmission", "glass_reflection", "clean_reflection"]
 
-# Name of the row, and what it sets: dotted keys of the scene line.
+# Name of each row, and the scene line's values that it changes, by dotted key.
 ROWS: list[tuple[str, dict]] = [
     ("plain", {}),
     ("plain again (noise)", {}),
@@ -57,7 +57,7 @@ ROWS: list[tuple[str, dict]] = [
 
 
 def cpu_seconds(command: list[str]) -> tuple[float, str]:
-    """User and system seconds of a child, and its stdout."""
+    """Runs a child process; returns its user and system seconds, and its stdout."""
     with tempfile.TemporaryFile() as out:
         child = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL)
         _, status, usage = os.wait4(child.pid, 0)
@@ -70,7 +70,7 @@ def cpu_seconds(command: list[str]) -> tuple[float, str]:
 
 
 def read_npy(path: Path) -> tuple[list[int], array]:
-    """Shape and values of a little-endian f4 .npy."""
+    """Returns shape and values of a little-endian f4 .npy."""
     data = path.read_bytes()
     (length,) = struct.unpack_from("<H", data, 8)
     header = ast.literal_eval(data[10 : 10 + length].decode())
@@ -81,7 +81,7 @@ def read_npy(path: Path) -> tuple[list[int], array]:
 
 
 def write_mesh(photograph: dict, folder: Path, path: Path) -> None:
-    """The depth image as the tracer sees it (`fill` `far`) as a PLY; colours are squares of black and white."""
+    """Writes the sheet of a photograph (`fill` `far`) as a PLY with a black and white checkerboard as its colours."""
     (rows, columns, *_), depth = read_npy(folder / photograph["depth"])
     _, mask = read_npy(folder / photograph["mask"])
     valid = [z for z, m in zip(depth, mask) if m > 0 and 0 < z < float("inf")]
@@ -109,7 +109,7 @@ def write_mesh(photograph: dict, folder: Path, path: Path) -> None:
 
 
 def scene_line(folder: Path, color: list[str], changes: dict) -> dict:
-    """The plain scene with `changes`."""
+    """Returns the plain scene with `changes`."""
 
     def photograph(path: str) -> dict:
         stem = path.removesuffix(".png")
@@ -139,12 +139,12 @@ def scene_line(folder: Path, color: list[str], changes: dict) -> dict:
 
 
 def main() -> None:
-    """Makes the scenes, measures them in turns, prints the table."""
+    """Makes the scenes, measures them round by round and prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     root = Path(__file__).resolve().parent.parent
     parser.add_argument("--glasshouse", type=Path, default=root / "target/release/glasshouse")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--only", action="append", default=[], help="rows whose name holds this (repeatable)")
+    parser.add_argument("--only", action="append", default=[], help="rows with this text in their name (repeatable)")
     parser.add_argument("--against", type=Path, help="another build of the program")
     args = parser.parse_args()
     wanted = [r for r in ROWS if r[0] == "plain" or not args.only or any(o in r[0] for o in args.only)]
@@ -163,7 +163,7 @@ def main() -> None:
         for k, (_, changes, _) in enumerate(rows):
             (folder / f"{k}.json").write_text(json.dumps(scene_line(folder, color, changes)))
         for turn in range(args.rounds + 1):
-            # Each round begins with another row, so that none always follows the same one.
+            # Each round begins with a different row, so that no row always runs first.
             for k in [(turn + k) % len(rows) for k in range(len(rows))]:
                 program = rows[k][2]
                 command = [str(program), "render", str(folder / f"{k}.json"), "--out", str(folder / "out"), "-j", "1", "--json"]
@@ -171,7 +171,7 @@ def main() -> None:
                 all_of_it, text = cpu_seconds(command)
                 records[k] = json.loads(text)
                 written[k] = min(written[k], records[k]["seconds"]["write"])
-                if turn > 0:  # The first reads files cold.
+                if turn > 0:  # The first round only warms the file cache.
                     files[k].append(load)
                     used[k].append(all_of_it - load)
         for k in range(len(rows)):

@@ -21,7 +21,6 @@ use std::sync::atomic::AtomicBool;
 const SIZE: [u32; 2] = [1024, 768];
 const FILM_PX: u32 = 256;
 
-/// Instruction sets by name.
 fn isas() -> [(&'static str, Isa); 2] {
     [("baseline", Isa::Baseline), ("detected", Isa::detect())]
 }

@@ -1,8 +1,8 @@
-//! Reads the images and the record of a tuple, and measures how much light the glass takes.
+//! Reads the images and the record of a tuple, and computes the transmittance of the glass.
 //!
 //! ```text
 //! cargo run --release --example render_scene      # writes into target/example/
-//! cargo run --release --example read_tuple        # reads it
+//! cargo run --release --example read_tuple        # reads the tuple
 //! ```
 
 #![allow(clippy::print_stdout, reason = "examples show their results")]
@@ -18,21 +18,21 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The light that passes the glass, as a share of the light that reaches it.
+/// Returns the share of the light that passes the glass.
 pub(crate) fn read(folder: &Path) -> Result<f64, Box<dyn Error>> {
-    // `tuple.json` is written last: where it is, all files of the tuple are.
+    // The renderer writes `tuple.json` last: if it exists, all files of the tuple do.
     let record: TupleRecord = serde_json::from_slice(&std::fs::read(folder.join("tuple.json"))?)?;
     let film = &record.scene.film;
     println!(
         "{}: {} x {} px, {} samples a pixel, glass of {} m",
         record.scene.id, film.width, film.height, film.spp, record.scene.glass.thickness_m
     );
-    // Linear Rec.709, row by row; checked against the size and the digests of the record.
+    // Pixels are linear Rec.709, row by row. Decoding checks the size and the digests of the record.
     let exr = std::fs::read(folder.join("tuple.exr"))?;
     let PerLayer([input, transmission, glass_reflection, _clean_reflection]) =
         decode_tuple_exr(&exr, &record)?;
     let sum =
         |layer: &[[f32; 3]]| -> f64 { layer.as_flattened().iter().map(|&v| f64::from(v)).sum() };
-    // I = what passes the glass + R~, and T is the same light without the glass's loss.
+    // I - R~ is the light through the glass, and T is the same light without losses in the glass.
     Ok((sum(&input) - sum(&glass_reflection)) / sum(&transmission))
 }

@@ -1,4 +1,4 @@
-//! Renders one scene from two procedural photographs; 256 x 192 px, a second of work.
+//! Renders a scene of 256 x 192 px from two procedural photographs, in about a second.
 //!
 //! ```text
 //! cargo run --release --example render_scene      # writes into target/example/
@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 pub(crate) fn render(folder: &Path) -> Result<(), Box<dyn Error>> {
-    // A photograph is a colour image, its depth in metres, and a mask of the pixels that have one.
+    // A photograph is a colour image, its depth in metres, and a mask of the pixels with known depth.
     let mut sides = Vec::new();
     for photograph in procedural::listing(2, 7) {
         procedural::write(folder, &photograph, 256, 192)?;
@@ -32,7 +32,7 @@ pub(crate) fn render(folder: &Path) -> Result<(), Box<dyn Error>> {
             "intrinsics": { "fx": 886.81, "fy": 927.06, "cx": 512.0, "cy": 384.0, "size": [1024, 768] },
         }));
     }
-    // A scene line has every parameter of one scene: the same line gives the same pixels on every machine.
+    // A scene line has every parameter of a scene, so that it gives the same pixels on every machine.
     let line = serde_json::json!({
         "schema": "glasshouse.scene/1", "id": "example", "seed": 1,
         "film": { "width": 256, "height": 192, "spp": 64 },

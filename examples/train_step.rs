@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! cargo run --release --example render_scene      # writes into target/example/
-//! cargo run --release --example train_step        # learns from it
+//! cargo run --release --example train_step        # learns from the tuple
 //! ```
 
 #![allow(clippy::print_stdout, reason = "examples show their results")]
@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The loss of each step.
+/// Takes `steps` training steps and returns the loss of each.
 pub(crate) fn train(folder: &Path, steps: u64) -> Result<Vec<f32>, Box<dyn Error>> {
     // An example has up to four images as planes of sRGB values from 0 to 1.
     let planes = |layer: &str| -> image::ImageResult<Planes> {

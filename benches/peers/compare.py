@@ -1,4 +1,4 @@
-"""Errors and ratios from the peers' result.json files: peers.json as data, peers.md as tables."""
+"""Computes errors and ratios from the peers' result.json files: peers.json has the figures, peers.md the tables."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 
 from scene import LAYERS, SYMBOLS
 
-# A peer may miss a common target by this much: T of `stock` and `split` is the same estimator, equal within 0.1 %.
+# Factor by which a peer may exceed a common target: `stock` and `split` estimate T alike, with errors equal to 0.1 %.
 PEER_TOLERANCE = 1.02
 GOALS = {"mitsuba_stock": 50.0, "mitsuba_split": 10.0, "cycles": 150.0, "embree": 20.0}
 
 
 @dataclass(frozen=True)
 class Pass:
-    """One measured rendering: the RMSE of each layer it gives, and what it cost."""
+    """One measured rendering: the RMSE of each rendered layer, and the cost."""
 
     name: str
     samples: int
@@ -28,19 +28,19 @@ class Pass:
 
 
 def rms(difference: np.ndarray) -> float:
-    """Root of the mean square over pixels and colours."""
+    """Returns the root mean square over pixels and colours."""
     return float(np.sqrt((difference.astype(np.float64) ** 2).mean()))
 
 
 def block_rms(difference: np.ndarray, side: int = 16) -> float:
-    """RMS of means over blocks of 16 x 16 px, where noise is 16 times less and bias shows."""
+    """Returns the RMS of means over blocks of 16 x 16 px, which have 16 times less noise, so that bias shows."""
     h, w = (n // side * side for n in difference.shape[:2])
     blocks = difference[:h, :w].astype(np.float64).reshape(h // side, side, w // side, side, 3)
     return rms(blocks.mean((1, 3)))
 
 
 def reference(folder: Path) -> dict[str, np.ndarray]:
-    """The four layers with the most samples of a folder; nothing if they are not all there."""
+    """Returns the four layers of a folder with the most samples; nothing if a layer is missing."""
     images: dict[str, np.ndarray] = {}
     for entry in sorted(entries_of(folder), key=lambda p: p["samples"]):
         images.update({layer: np.load(folder / file) for layer, file in entry["layers"].items()})
@@ -48,7 +48,7 @@ def reference(folder: Path) -> dict[str, np.ndarray]:
 
 
 def passes(folder: Path, truth: dict[str, np.ndarray]) -> list[Pass]:
-    """All passes of a peer, with their errors."""
+    """Returns all passes of a peer, with their errors."""
     found = []
     for entry in entries_of(folder):
         difference = {layer: np.load(folder / file) - truth[layer] for layer, file in entry["layers"].items()}
@@ -60,7 +60,7 @@ def passes(folder: Path, truth: dict[str, np.ndarray]) -> list[Pass]:
 
 
 def cheapest(candidates: list[Pass], targets: dict[str, float] | None) -> list[Pass] | None:
-    """For each set of layers that is rendered together the cheapest pass that reaches the targets; None if a layer is missing."""
+    """Returns the cheapest pass that reaches the targets for each set of layers; None if a layer is missing."""
     chosen: dict[frozenset[str], Pass] = {}
     for candidate in sorted(candidates, key=lambda p: p.cpu_s):
         if targets is None or all(e <= targets[layer] for layer, e in candidate.rmse.items()):
@@ -70,7 +70,7 @@ def cheapest(candidates: list[Pass], targets: dict[str, float] | None) -> list[P
 
 
 def summary(chosen: list[Pass]) -> dict:
-    """Cost and errors of passes that give the four layers together."""
+    """Returns cost and errors of passes that together render the four layers."""
     figures: dict = {
         "samples": {layer: p.samples for p in chosen for layer in p.rmse},
         "passes": [{"name": p.name, "samples": p.samples, "layers": list(p.rmse), "cpu_s": p.cpu_s} for p in chosen],
@@ -85,7 +85,7 @@ def summary(chosen: list[Pass]) -> dict:
 
 
 def against(peer: dict, ours: list[Pass], targets: dict[str, float]) -> dict | None:
-    """The peer's cost over that of the cheapest of our sample counts that reaches the targets in all four layers."""
+    """Returns the peer's cost over that of the cheapest glasshouse pass that reaches the targets in all four layers."""
     found = cheapest(ours, targets)
     if found is None:
         return None
@@ -95,7 +95,7 @@ def against(peer: dict, ours: list[Pass], targets: dict[str, float]) -> dict | N
 
 
 def compare(out: Path) -> dict:
-    """All that the folder's results say; what is missing is left out."""
+    """Returns all figures of a folder of results, except those of missing results."""
     theirs = reference(out / "mitsuba_reference")
     ours = reference(out / "glasshouse_reference")
     measured: dict[str, list[Pass]] = {}
@@ -117,37 +117,37 @@ def compare(out: Path) -> dict:
 
 
 def difference(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, dict[str, float]]:
-    """By layer: mean of a - b, its RMS, and the RMS of its means over 16 x 16 px."""
+    """Returns, by layer, the mean of a - b, its RMS, and the RMS of its means over 16 x 16 px."""
     return {layer: {"mean": float((a[layer] - b[layer]).mean(dtype=np.float64)), "rms": rms(a[layer] - b[layer]),
                     "rms_16x16": block_rms(a[layer] - b[layer])} for layer in LAYERS}
 
 
 def reference_noise(folder: Path) -> dict[str, float]:
-    """RMS noise that the reference with the most samples states of itself, by layer."""
+    """Returns the recorded RMS noise of the reference with the most samples, by layer."""
     entries = sorted(entries_of(folder), key=lambda entry: entry["samples"])
     return {layer: entry["noise"] for entry in entries for layer in entry["layers"]}
 
 
 def entries_of(folder: Path) -> list[dict]:
-    """The passes in a folder's result.json; none if there is no such file."""
+    """Returns the passes in a folder's result.json; none if the file does not exist."""
     path = folder / "result.json"
     return json.loads(path.read_text())["passes"] if path.is_file() else []
 
 
 def at(found: list[Pass], samples: int) -> dict | None:
-    """A peer's four layers at a sample count; of two ways to render a layer the cheaper."""
+    """Returns a peer's four layers at a sample count; a layer with two passes takes the cheaper pass."""
     chosen = cheapest([p for p in found if p.samples == samples], None)
     return summary(chosen) if chosen else None
 
 
 def ladders(measured: dict[str, list[Pass]]) -> dict[str, list[dict]]:
-    """Every peer's cost and errors by sample count."""
+    """Returns every peer's cost and errors by sample count."""
     counts = {name: sorted({p.samples for p in found}) for name, found in measured.items()}
     return {name: [row for n in counts[name] if (row := at(found, n))] for name, found in measured.items()}
 
 
 def at_most_samples(measured: dict[str, list[Pass]]) -> dict[str, dict | None]:
-    """Each peer at its largest sample count, against glasshouse at errors no larger in any layer."""
+    """Compares each peer at its largest sample count with glasshouse at errors no larger in any layer."""
     rows = {}
     for name, found in measured.items():
         if name != "glasshouse" and "glasshouse" in measured:
@@ -157,7 +157,7 @@ def at_most_samples(measured: dict[str, list[Pass]]) -> dict[str, dict | None]:
 
 
 def at_common_errors(measured: dict[str, list[Pass]]) -> dict:
-    """Everybody at the errors of Mitsuba's stock plugins with the most samples; a peer may choose a count for each layer."""
+    """Compares all at the errors of `mitsuba_stock` with the most samples; peers choose a count for each layer."""
     if not {"glasshouse", "mitsuba_stock"} <= set(measured):
         return {}
     most = max(p.samples for p in measured["mitsuba_stock"])
@@ -174,7 +174,7 @@ def at_common_errors(measured: dict[str, list[Pass]]) -> dict:
 
 
 def embree_ratios(folder: Path) -> list[dict]:
-    """Our kernel's rays a second over Embree's: its best way, its best watertight way, its best single rays."""
+    """Compares the kernel's rays per second with Embree's best, its best watertight and its best single-ray variant."""
     path, rows = folder / "result.json", []
     for entry in json.loads(path.read_text())["classes"] if path.is_file() else []:
         best = lambda keep: max((w for w in entry["ways"] if keep(w)), key=lambda w: w["mrays_per_s"])
@@ -187,7 +187,7 @@ def embree_ratios(folder: Path) -> list[dict]:
 
 
 def markdown(result: dict) -> str:
-    """The tables."""
+    """Formats the tables."""
     text = ["# Peers, side by side\n", machine_text(result), "\n## Cost and error by samples\n",
             "CPU seconds of rendering the four layers, one thread; RMSE in linear light against each renderer's own reference.\n",
             "| | samples | CPU s | by pass | I | T | R~ | R |", "|---|---|---|---|---|---|---|---|"]
@@ -200,8 +200,8 @@ def markdown(result: dict) -> str:
     common = result["at_common_errors"]
     if common:
         errors = ", ".join(f"{SYMBOLS[k]} {common['targets'][k]:.2e}" for k in LAYERS)
-        text += [f"\nEverybody at the errors of `mitsuba_stock` at {common['samples']} samples ({errors}), each layer with as few "
-                 "samples as it needs:\n",
+        text += [f"\nAll at the errors of `mitsuba_stock` with {common['samples']} samples ({errors}), each layer with as few "
+                 "samples as possible:\n",
                  "| peer | its samples | its CPU s | glasshouse's samples | CPU s | ratio | whole process | goal |",
                  "|---|---|---|---|---|---|---|---|"]
         text += [ratio_row(name, row) for name, row in common["peers"].items()]
@@ -209,7 +209,7 @@ def markdown(result: dict) -> str:
     if result["reference_noise"]:
         text += ["\n## References\n", "| | I | T | R~ | R |", "|---|---|---|---|---|"]
         noise = " | ".join(f"{result['reference_noise'][k]:.1e}" for k in LAYERS)
-        text.append(f"| noise of Mitsuba's, stated by its halves | {noise} |")
+        text.append(f"| noise of Mitsuba's reference, from its two halves | {noise} |")
     for pair, layers in result["references_differ"].items():
         for what in ("mean", "rms", "rms_16x16"):
             text.append(f"| {pair}, {what} | " + " | ".join(f"{layers[k][what]:.1e}" for k in LAYERS) + " |")
@@ -217,13 +217,13 @@ def markdown(result: dict) -> str:
 
 
 def machine_text(result: dict) -> str:
-    """What ran where."""
+    """Describes the scene, the machine and the programs."""
     programs = "; ".join(f"{k}: {v}" for k, v in result.get("programs", {}).items())
     return f"Scene `{result.get('scene', '?')}`. {result.get('machine', '')}. {programs}."
 
 
 def ladder_row(name: str, row: dict) -> str:
-    """A sample count of a peer."""
+    """Formats a table row: a peer at one sample count."""
     samples = sorted(set(row["samples"].values()))
     parts = ", ".join(f"{'+'.join(SYMBOLS[k] for k in p['layers'])} {p['cpu_s']:.2f}" for p in row["passes"])
     whole = f" (process {row['process_cpu_s']:.2f})" if "process_cpu_s" in row else ""
@@ -232,7 +232,7 @@ def ladder_row(name: str, row: dict) -> str:
 
 
 def ratio_row(name: str, row: dict | None) -> str:
-    """A peer against glasshouse."""
+    """Formats a table row: a peer compared with glasshouse."""
     if row is None:
         return f"| {name} | a target was not reached with the samples measured: raise --samples or --our-samples | | | | | | |"
     goal = next(value for prefix, value in GOALS.items() if name.startswith(prefix))
@@ -242,7 +242,7 @@ def ratio_row(name: str, row: dict | None) -> str:
 
 
 def embree_text(rows: list[dict]) -> list[str]:
-    """The table of intersections."""
+    """Formats the table of intersection speeds."""
     if not rows:
         return []
     text = ["\n## Intersection alone, Mrays/s\n",

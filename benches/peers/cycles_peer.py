@@ -1,9 +1,9 @@
-"""Blender Cycles through `bpy`: real glass, I and R~ from one render by light groups, T and R in renders of their own.
+"""Renders with Blender Cycles (`bpy`): real glass, I and R~ in one render with light groups, T and R separately.
 
-Caustics on; no clamp, denoiser, adaptive sampling or glossy filter; 16 bounces; one thread; the default sampling pattern.
-Sheets are emission shaders that Cycles does not sample as lights: else each would be a light of 390,000 triangles.
-T is rendered in two ways, of which the cheaper counts: through a box of `Refraction BSDF`, which bends with weight 1, and
-without glass with the camera moved forward by t (1 - 1/n). Blender's world is used as ours; only its images start below.
+Caustics on; no clamp, denoiser, adaptive sampling or glossy filter; 16 bounces; one thread; default sampling pattern.
+Sheets have emission shaders that Cycles does not sample as lights: each would be a light of 390,000 triangles.
+T is rendered in two ways, and the cheaper counts: through a box of `Refraction BSDF`, which bends with weight 1, and
+without glass but with the camera moved forward by t (1 - 1/n). World axes are those of scene.py; image rows go upwards.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from record import Record, cpu_s, timed
 try:
     import bpy
 except ImportError:
-    sys.exit("error: bpy is not here: with Python 3.11, pip install 'bpy==4.5.*' (and Debian's libxi6 libxxf86vm1 libxfixes3 libgl1)")
+    sys.exit("error: bpy is not installed: with Python 3.11, pip install 'bpy==4.5.*' (and Debian's libxi6 libxxf86vm1 libxfixes3 libgl1)")
 
 SLAB_HALF_M = 2.0
 PASSES = {
@@ -36,7 +36,7 @@ PASSES = {
 
 
 def empty_file() -> None:
-    """A Blender session without objects, rendering one thread of unfiltered Cycles into float EXR."""
+    """Starts a Blender session without objects that renders with one thread, the box filter and float EXR."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     settings = bpy.context.scene
     render, cycles = settings.render, settings.cycles
@@ -48,7 +48,7 @@ def empty_file() -> None:
     cycles.max_bounces = cycles.glossy_bounces = cycles.transmission_bounces = 16
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
     render.threads_mode, render.threads = "FIXED", 1
-    # Keeps the scene between renders: the first one builds it, and is not timed.
+    # Keeps the scene between renders: the first render builds it and is not timed.
     render.use_persistent_data = True
     render.resolution_percentage = 100
     render.image_settings.file_format = "OPEN_EXR_MULTILAYER"
@@ -57,7 +57,7 @@ def empty_file() -> None:
 
 
 def texture(name: str, radiance: np.ndarray) -> bpy.types.Image:
-    """A float image of the photograph's radiance, used as it is."""
+    """Makes a float image of the photograph's radiance, without colour conversion."""
     h, w, _ = radiance.shape
     image = bpy.data.images.new(name, w, h, alpha=False, float_buffer=True, is_data=True)
     rgba = np.ones((h, w, 4), np.float32)
@@ -68,7 +68,7 @@ def texture(name: str, radiance: np.ndarray) -> bpy.types.Image:
 
 
 def material(name: str, shader: str) -> tuple[bpy.types.Material, bpy.types.Node]:
-    """A material of one shader node."""
+    """Makes a material of one shader node."""
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     nodes, links = made.node_tree.nodes, made.node_tree.links
@@ -87,7 +87,7 @@ def add(name: str, mesh: bpy.types.Mesh, made: bpy.types.Material) -> bpy.types.
 
 
 def add_sheet(scene: scenes.Scene, side: str) -> None:
-    """The photograph as an emitting mesh, in the light group of its name."""
+    """Adds the photograph as an emitting mesh, in a light group named after its side."""
     sheet = scenes.sheet(scene, side)
     mesh = bpy.data.meshes.new(side)
     corners = sheet.triangles.ravel()
@@ -110,7 +110,7 @@ def add_sheet(scene: scenes.Scene, side: str) -> None:
 
 
 def add_box(scene: scenes.Scene, shader: str) -> None:
-    """The pane as a closed box of a refracting shader."""
+    """Adds the pane as a closed box with a refracting shader."""
     near, far, a = scene.glass_distance_m, scene.glass_distance_m + scene.thickness_m, SLAB_HALF_M
     points = [(x, y, z) for z in (near, far) for y in (-a, a) for x in (-a, a)]
     faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
@@ -122,7 +122,7 @@ def add_box(scene: scenes.Scene, shader: str) -> None:
 
 
 def add_mirror(scene: scenes.Scene) -> None:
-    """A perfect mirror in the pane's front face."""
+    """Adds a perfect mirror in the pane's front face."""
     a, z = SLAB_HALF_M, scene.glass_distance_m
     mesh = bpy.data.meshes.new("mirror")
     mesh.from_pydata([(-a, -a, z), (a, -a, z), (a, a, z), (-a, a, z)], [], [(0, 3, 2, 1)])
@@ -132,7 +132,7 @@ def add_mirror(scene: scenes.Scene) -> None:
 
 
 def add_camera(scene: scenes.Scene, pinhole: bool, forward_m: float) -> None:
-    """Thin lens or pinhole. Half a turn about x: Blender's cameras look along -z with +y up."""
+    """Adds a thin lens or a pinhole, turned by 180 degrees about x: Blender's cameras look along -z with +y up."""
     camera = bpy.data.cameras.new("camera")
     camera.sensor_fit, camera.sensor_width = "HORIZONTAL", 36.0
     camera.lens = 18.0 / scene.tan_half_x
@@ -149,7 +149,7 @@ def add_camera(scene: scenes.Scene, pinhole: bool, forward_m: float) -> None:
 
 
 def build(scene: scenes.Scene, name: str) -> None:
-    """The session of one pass."""
+    """Starts the session of one pass."""
     empty_file()
     groups = bpy.context.view_layer.lightgroups
     sides = {"glass": ("front", "back"), "moved": ("front",), "box": ("front",), "mirror": ("back",)}[name]
@@ -166,7 +166,7 @@ def build(scene: scenes.Scene, name: str) -> None:
 
 
 def render(samples: int, seed: int, folder: Path) -> dict[str, np.ndarray]:
-    """Renders the session's scene; light groups come as layers of their own."""
+    """Renders the session's scene; each light group has its own channels."""
     settings = bpy.context.scene
     settings.cycles.samples, settings.cycles.seed = samples, seed
     settings.render.filepath = str(folder / "render.exr")
@@ -175,7 +175,7 @@ def render(samples: int, seed: int, folder: Path) -> dict[str, np.ndarray]:
 
 
 def layers(name: str, channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """A pass's layers from the channels of its render."""
+    """Returns a pass's layers from the channels of its render."""
     prefix = bpy.context.view_layer.name + ".Combined"
     combined = exr.rgb(channels, prefix + ".")
     if name != "glass":

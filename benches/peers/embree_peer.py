@@ -1,6 +1,6 @@
-"""Embree on the very rays of `glasshouse bench trace --dump`, in world space; compiles embree/trace.cpp first.
+"""Times Embree on the rays of `glasshouse bench trace --dump`, in world space; compiles embree/trace.cpp first.
 
-Both sides count intersection alone, one thread, CPU seconds: glasshouse its span and walk, Embree its calls.
+Both sides count the CPU seconds of intersection alone, with one thread: span and walk of glasshouse, calls of Embree.
 """
 
 from __future__ import annotations
@@ -18,32 +18,32 @@ HERE = Path(__file__).resolve().parent
 
 
 def compiled(out: Path) -> Path:
-    """The program, built when its source is newer."""
+    """Returns the program; builds it if its source is newer."""
     source, program = HERE / "embree" / "trace.cpp", out / "trace"
     if program.is_file() and program.stat().st_mtime > source.stat().st_mtime:
         return program
     if shutil.which("g++") is None:
         sys.exit("error: no C++ compiler: apt install g++")
     if not Path("/usr/include/embree3/rtcore.h").is_file() and not os.environ.get("CPATH"):
-        sys.exit("error: Embree 3 is not here: apt install libembree-dev (Debian 12), or set CPATH and LIBRARY_PATH")
+        sys.exit("error: Embree 3 is not installed: apt install libembree-dev (Debian 12), or set CPATH and LIBRARY_PATH")
     subprocess.run(["g++", "-O2", "-std=c++17", str(source), "-lembree3", "-o", str(program)], check=True)
     return program
 
 
 def dump(glasshouse: Path, scene: Path, folder: Path) -> None:
-    """Has glasshouse time its own kernel on the scene and write the rays."""
+    """Makes glasshouse time its kernel on the scene and write the rays."""
     command = [str(glasshouse), "bench", "trace", "--scene", str(scene), "--no-builtin", "--dump", str(folder), "--quiet"]
     if subprocess.run(command, stdout=subprocess.DEVNULL).returncode:
         sys.exit(f"error: {' '.join(command)} failed: this needs a program with `bench trace` (cargo build --release)")
 
 
 def wanted(name: str, apex: str) -> bool:
-    """Classes of the scene's own apex: SCENE.t0, SCENE.r0.APEX; a dump holds both apexes."""
+    """True for the classes of the scene's apex (SCENE.t0, SCENE.r0.APEX); a dump holds both apexes."""
     return not name.endswith((".mirror", ".camera")) or name.endswith("." + apex)
 
 
 def measure(program: Path, rays: Path, entry: dict, most: int) -> dict:
-    """Embree's figures on one class of rays."""
+    """Returns Embree's figures for one class of rays."""
     files = [str(rays / entry["rays"]), str(rays / entry["vertices"]), str(entry["nx"]), str(entry["ny"])]
     if entry.get("hits"):
         files.append(str(rays / entry["hits"]))
@@ -62,7 +62,7 @@ def main() -> None:
     parser.add_argument("--max-rays", type=int, default=524288, help="rays of a class that Embree gets")
     args = parser.parse_args()
     if not args.program.is_file():
-        sys.exit(f"error: {args.program} is not here: cargo build --release, or pass --glasshouse PROGRAM")
+        sys.exit(f"error: {args.program} does not exist: cargo build --release, or pass --glasshouse PROGRAM")
     args.out.mkdir(parents=True, exist_ok=True)
     program_sha256 = hashlib.sha256(args.program.read_bytes()).hexdigest()
     path = args.out / "result.json"

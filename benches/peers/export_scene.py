@@ -1,9 +1,9 @@
-"""Makes a folder that run.py takes from a scene of a finished run: copies its photographs, fills holes, fixes the focus.
+"""Makes a SCENE_DIR for run.py from a scene of a finished run: copies its photographs, fills holes, fixes the focus.
 
     glasshouse run manifests/smoke.toml
     benches/peers/export_scene.py runs/smoke train-sample-000000 --out SCENE_DIR
 
-Holes get the farthest valid depth (`fill = "far"`), so that every renderer is given the same sheet.
+Holes get the farthest valid depth (`fill = "far"`), so that every renderer gets the same sheet.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import numpy as np
 
 
 def located(run: Path, roots: dict[str, str], text: str) -> Path:
-    """`NAME:rest` lies below a root of the run's spec, an absolute path is itself, all else is relative to the run."""
+    """Resolves a path: `NAME:rest` is below a root of the run's spec; others are absolute or relative to the run."""
     name, _, rest = text.partition(":")
     return run / roots[name] / rest if rest and name in roots else run / text
 
 
 def filled_depth_m(depth: Path, mask: Path | None, unit_m: float) -> np.ndarray:
-    """Depth along z in metres without holes."""
+    """Returns depth along z, m, with filled holes."""
     z = np.load(depth).astype(np.float32).squeeze() * np.float32(unit_m)
     valid = np.isfinite(z) & (z > 0)
     if mask is not None:

@@ -1,4 +1,4 @@
-"""Reads scan line OpenEXR files of 32-bit floats, uncompressed or ZIP: what glasshouse and Blender write here."""
+"""Reads scan line OpenEXR files of 32-bit floats, uncompressed or ZIP, as written by glasshouse and Blender."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ LINES_IN_BLOCK = {0: 1, 2: 1, 3: 16}  # none, ZIPS, ZIP
 
 
 def read(path: Path) -> dict[str, np.ndarray]:
-    """Channel name -> (H,W) float32."""
+    """Returns the channels by name, each (H,W) float32."""
     data = path.read_bytes()
     magic, version = struct.unpack_from("<II", data)
     if magic != 20000630 or version & 0x1A00:
-        raise ValueError(f"{path} is no EXR with one part of scan lines")
+        raise ValueError(f"{path} is not an EXR with a single part of scan lines")
     attributes, offset = header(data)
     channels = channel_names(attributes["channels"], path)
     x0, y0, x1, y1 = struct.unpack("<4i", attributes["dataWindow"])
     compression = attributes["compression"][0]
     if compression not in LINES_IN_BLOCK:
-        raise ValueError(f"{path}: compression {compression} is not read here, only none, ZIPS and ZIP")
+        raise ValueError(f"{path}: compression {compression} is not supported, only none, ZIPS and ZIP")
     width, height, lines = x1 - x0 + 1, y1 - y0 + 1, LINES_IN_BLOCK[compression]
     pixels = np.empty((height, len(channels), width), np.float32)
     for (start,) in struct.iter_unpack("<Q", data[offset : offset + 8 * -(-height // lines)]):
@@ -36,12 +36,12 @@ def read(path: Path) -> dict[str, np.ndarray]:
 
 
 def rgb(channels: dict[str, np.ndarray], prefix: str = "") -> np.ndarray:
-    """(H,W,3) of the channels PREFIXR, PREFIXG, PREFIXB."""
+    """Stacks the channels PREFIXR, PREFIXG, PREFIXB to (H,W,3)."""
     return np.stack([channels[prefix + c] for c in "RGB"], -1)
 
 
 def header(data: bytes) -> tuple[dict[str, bytes], int]:
-    """Attributes, and where the table of offsets starts."""
+    """Returns the attributes, and the position of the offset table."""
     attributes, at = {}, 8
     while data[at]:
         name, _kind = (data[at:].split(b"\0", 2))[:2]
@@ -53,7 +53,7 @@ def header(data: bytes) -> tuple[dict[str, bytes], int]:
 
 
 def channel_names(text: bytes, path: Path) -> list[str]:
-    """Names in file order; all must be full-resolution floats."""
+    """Returns the names in file order; all channels must be full-resolution floats."""
     names, at = [], 0
     while text[at]:
         name = text[at:].split(b"\0", 1)[0]
@@ -67,7 +67,7 @@ def channel_names(text: bytes, path: Path) -> list[str]:
 
 
 def unzip(block: bytes) -> bytes:
-    """Inflates, undoes the differences between bytes, interleaves the two halves."""
+    """Inflates a block, undoes the differences between bytes and interleaves the two halves."""
     delta = np.frombuffer(zlib.decompress(block), np.uint8).astype(np.int64)
     delta[1:] -= 128
     plain = np.cumsum(delta).astype(np.uint8)

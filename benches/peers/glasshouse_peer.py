@@ -1,8 +1,8 @@
-"""The release program, as anybody runs it: `glasshouse render SCENE --spp N -j 1 --json`, for a ladder of N.
+"""Measures the release program with `glasshouse render SCENE --spp N -j 1 --json`, for a ladder of N.
 
-`process_cpu_s` is everything `render` does: start, decoding two photographs, building, tracing, writing four EXRs and four
-PNGs. `cpu_s` is the tracer alone, as the peers' figures are rendering alone; `render` states only its wall seconds, so it is
-taken from `glasshouse bench error`, which renders the same and counts the tracer thread's CPU seconds.
+`process_cpu_s` covers all of `render`: start, decoding two photographs, building, tracing, writing four EXRs and PNGs.
+`cpu_s` covers the tracer alone, since the peers' figures cover rendering alone. It comes from `glasshouse bench error`,
+which renders the same and counts the tracer thread's CPU seconds; `render` reports only wall seconds.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ TRACER_RUNS = 3
 
 
 def run(program: Path, options: list[str]) -> tuple[dict, float]:
-    """One run with one thread: its JSON, and the user and system seconds of the process."""
+    """Runs once with one thread; returns the JSON, and the user and system seconds of the process."""
     command = [str(program), *options, "-j", "1", "--json", "--quiet"]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as child:
         text = child.stdout.read() if child.stdout else b""
@@ -42,15 +42,15 @@ def run(program: Path, options: list[str]) -> tuple[dict, float]:
 
 
 def render(program: Path, scene: Path, spp: int, out: Path) -> tuple[dict, float]:
-    """`glasshouse render`."""
+    """Runs `glasshouse render`."""
     return run(program, ["render", str(scene), "--out", str(out), "--spp", str(spp)])
 
 
 def tracer_cpu_s(program: Path, scene: Path, samples: list[int]) -> dict[int, list[float]]:
-    """CPU seconds of the tracer for the four layers, by sample count, a few times each."""
+    """Returns the tracer's CPU seconds for the four layers by sample count, from three runs each."""
     seconds: dict[int, list[float]] = {spp: [] for spp in samples}
     with tempfile.TemporaryDirectory() as folder:
-        # `bench error` wants images to compare with; its errors are not used, only its seconds.
+        # `bench error` needs images to compare with, although only its seconds are used.
         render(program, scene, min(samples), Path(folder))
         counts = ",".join(map(str, samples))
         options = ["bench", "error", "--scene", str(scene), "--reference", folder, "--out", folder, "--spp", counts]
@@ -62,12 +62,12 @@ def tracer_cpu_s(program: Path, scene: Path, samples: list[int]) -> dict[int, li
 
 
 def images(out: Path) -> dict[str, np.ndarray]:
-    """The four layers of a run."""
+    """Returns the four layers of a run."""
     return {layer: exr.rgb(exr.read(out / f"{layer}.exr")) for layer in scenes.LAYERS}
 
 
 def ladder(program: Path, scene: Path, samples: list[int], record: Record) -> None:
-    """Measures sample counts that were not measured yet: up to five runs or 10 s each; the pixels of all are the same."""
+    """Measures the missing sample counts with up to five runs or 10 s each; all runs give the same pixels."""
     todo = [spp for spp in samples if not record.has("render", spp)]
     seconds = tracer_cpu_s(program, scene, todo) if todo else {}
     for spp in todo:
@@ -81,7 +81,7 @@ def ladder(program: Path, scene: Path, samples: list[int], record: Record) -> No
 
 
 def reference(program: Path, scene: Path, spp: int, record: Record) -> None:
-    """Many samples of another seed."""
+    """Renders many samples with another seed."""
     if record.has("reference", spp):
         return
     path = with_other_seed(scene, record.folder)
@@ -91,7 +91,7 @@ def reference(program: Path, scene: Path, spp: int, record: Record) -> None:
 
 
 def with_other_seed(scene: Path, out: Path) -> Path:
-    """The same scene file with the next seed and absolute paths."""
+    """Writes the scene file with the next seed and absolute paths."""
     line = json.loads(scene.read_text())
     line["seed"] += 1
     for side in ("front", "back"):
@@ -103,10 +103,10 @@ def with_other_seed(scene: Path, out: Path) -> Path:
 
 
 def forget_other_program(out: Path, program_sha256: str) -> None:
-    """Figures of another build are measured again."""
+    """Deletes figures of another build, so that they are measured again."""
     path = out / "result.json"
     if path.is_file() and json.loads(path.read_text()).get("program_sha256") != program_sha256:
-        print("glasshouse: the program has changed, its figures are taken again", flush=True)
+        print("glasshouse: the program has changed and is measured again", flush=True)
         shutil.rmtree(out)
 
 
@@ -119,7 +119,7 @@ def main() -> None:
     parser.add_argument("--program", type=Path, required=True, help="the glasshouse binary, built with --release")
     args = parser.parse_args()
     if not args.program.is_file():
-        sys.exit(f"error: {args.program} is not here: cargo build --release, or pass --glasshouse PROGRAM")
+        sys.exit(f"error: {args.program} does not exist: cargo build --release, or pass --glasshouse PROGRAM")
     program_sha256 = hashlib.sha256(args.program.read_bytes()).hexdigest()
     if args.set_up == "ladder":
         forget_other_program(args.out, program_sha256)

@@ -1,8 +1,8 @@
-"""Mitsuba 3: `stock` as a user would set it up with its own plugins, `split` as an expert would, and the reference.
+"""Renders with Mitsuba 3 in three set-ups: a user's with stock plugins, an expert's, and the reference.
 
 stock      `path` through a slab of `dielectric`; T without glass, the camera moved forward by t (1 - 1/n); R in a mirror.
-split      an integrator of our own: the slab in closed form, every order followed, Mitsuba casts the rays.
-reference  `split` with more orders and many `multijitter` samples; serves Cycles too.
+split      a custom integrator: the slab in closed form, every order followed, Mitsuba traces the rays.
+reference  `split` with more orders and many `multijitter` samples; Cycles is compared with it, too.
 
 The sheets carry a black `conductor`: a black `diffuse` makes `path` sample the textured emitter at every hit, 4.6 times
 the time for the same image. Fresnel factors are averaged over polarisations at each face, as Mitsuba and Cycles do.
@@ -31,7 +31,7 @@ try:
     import drjit as dr
     import mitsuba as mi
 except ImportError:
-    sys.exit("error: Mitsuba is not here: pip install mitsuba==3.9.1 numpy pillow")
+    sys.exit("error: Mitsuba is not installed: pip install mitsuba==3.9.1 numpy pillow")
 mi.set_variant("llvm_ad_rgb")
 mi.set_log_level(mi.LogLevel.Error)
 
@@ -41,7 +41,7 @@ REFERENCE_CHUNK = 256
 
 
 def mesh(scene: scenes.Scene, side: str) -> mi.Mesh:
-    """A sheet that emits its photograph."""
+    """Makes a sheet that emits its photograph."""
     sheet = scenes.sheet(scene, side)
     photo = scene.front if side == "front" else scene.back
     texture = {"type": "bitmap", "bitmap": mi.Bitmap(photo.radiance), "raw": True, "filter_type": "bilinear", "wrap_mode": "clamp"}
@@ -59,7 +59,7 @@ def mesh(scene: scenes.Scene, side: str) -> mi.Mesh:
 
 
 def sensor(scene: scenes.Scene, layer: str, sampler: str, spp: int, forward_m: float = 0.0) -> mi.Sensor:
-    """Thin lens, or a pinhole for R, looking along +z from z = `forward_m`."""
+    """Makes a thin lens, or a pinhole for R, at z = `forward_m` with the view along +z."""
     film = {"type": "hdrfilm", "width": scene.width, "height": scene.height, "pixel_format": "rgb",
             "component_format": "float32", "rfilter": {"type": "box"}}
     place = mi.ScalarTransform4f().look_at(origin=[0, 0, forward_m], target=[0, 0, 1], up=[0, -1, 0])
@@ -72,7 +72,7 @@ def sensor(scene: scenes.Scene, layer: str, sampler: str, spp: int, forward_m: f
 
 
 def stock_scene(scene: scenes.Scene, layer: str) -> mi.Scene:
-    """Sheets, and real glass, a mirror, or nothing."""
+    """Makes the sheets of a layer, with real glass (I, R~), a mirror (R) or nothing (T)."""
     parts: dict = {"type": "scene"}
     if layer in ("input", "transmission"):
         parts["front"] = mesh(scene, "front")
@@ -91,7 +91,7 @@ def stock_scene(scene: scenes.Scene, layer: str) -> mi.Scene:
 
 
 class SlabSplit(mi.SamplingIntegrator):
-    """The slab in closed form (docs/physics.md): every order up to a count is traced, none is chosen at random."""
+    """The slab in closed form (docs/physics.md): traces every order up to a count, without random choices."""
 
     def __init__(self, scene: scenes.Scene, layer: str, front: mi.Scene, back: mi.Scene, orders: tuple[int, int]) -> None:
         super().__init__(mi.Properties())
@@ -99,7 +99,7 @@ class SlabSplit(mi.SamplingIntegrator):
         self.transmitted, self.reflected = orders
 
     def radiance(self, sheet: mi.Scene, origin, direction, active):
-        """What the sheet shows where the ray meets it; nothing stands between the pane and a sheet."""
+        """Returns the sheet's radiance where the ray hits it; nothing is between the pane and a sheet."""
         hit = sheet.ray_intersect(mi.Ray3f(origin, direction), ray_flags=+mi.RayFlags.UV, coherent=True, active=active)
         active &= hit.is_valid()
         return hit.emitter(sheet, active).eval(hit, active)
@@ -153,13 +153,13 @@ def split(scene: scenes.Scene, record: Record, samples: list[int], sampler: str)
 
 
 def sheets(scene: scenes.Scene) -> tuple[mi.Scene, mi.Scene]:
-    """Each sheet in a scene of its own."""
+    """Makes a separate scene of each sheet."""
     front, back = (mi.load_dict({"type": "scene", "sheet": mesh(scene, side)}) for side in ("front", "back"))
     return front, back
 
 
 def measure(record: Record, layer: str, sampler: str, spp: int, world, integrator, camera, build_s: float) -> None:
-    """One layer at one sample count."""
+    """Measures one layer at one sample count."""
     if camera.sampler().sample_count() != spp:
         print(f"{record.folder.name}: {sampler} cannot take {spp} samples: left out", flush=True)
         return
@@ -169,7 +169,7 @@ def measure(record: Record, layer: str, sampler: str, spp: int, world, integrato
 
 
 def reference(scene: scenes.Scene, record: Record, spp: int) -> None:
-    """Many samples in chunks; half the RMS difference of the even and the odd chunks is the reference's own noise."""
+    """Renders many samples in chunks; the noise is half the RMS difference between even and odd chunks."""
     chunks = max(2, spp // REFERENCE_CHUNK)
     each = spp // chunks
     if all(record.has(layer, spp) for layer in scenes.LAYERS):

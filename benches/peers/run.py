@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Renders one scene with glasshouse and its peers, side by side, one thread each, and prints how their costs compare.
+"""Renders one scene with glasshouse and its peers, each with one thread, and prints a comparison of their costs.
 
-Every peer runs in a process of its own and keeps what it measured in OUT/<peer>, so that an interrupted run goes on where
-it stopped; --redo takes figures again. README.md beside this file says what is measured and how to install the peers.
+Every peer runs in a separate process and stores its figures in OUT/<peer>, so that an interrupted run resumes where it
+stopped; --redo measures again. README.md beside this file describes the measurements and the installation of the peers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ try:
     import compare
     import scene as scenes
 except ImportError as missing:
-    sys.exit(f"error: {missing}: run this with the Python of a virtual environment made as README.md says")
+    sys.exit(f"error: {missing}: run this with the Python of the virtual environment that README.md describes")
 
 
 def arguments() -> argparse.Namespace:
@@ -32,16 +32,16 @@ def arguments() -> argparse.Namespace:
     counts = lambda text: sorted(int(n) for n in text.split(","))
     parser.add_argument("scene", type=Path, metavar="SCENE_DIR", help="folder with a scene.json")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, kept from run to run")
-    parser.add_argument("--only", type=names, default=list(PEERS), metavar="PEER,...", help=f"of {', '.join(PEERS)}")
+    parser.add_argument("--only", type=names, default=list(PEERS), metavar="PEER,...", help=f"peers to run, of {', '.join(PEERS)}")
     parser.add_argument("--redo", type=names, default=[], metavar="PEER,...",
-                        help="forget what these measured; also mitsuba_reference, glasshouse_reference")
-    parser.add_argument("--samples", type=counts, default=[16, 64, 256], metavar="N,...", help="of the peers [16,64,256]")
+                        help="discard results of these peers; also mitsuba_reference, glasshouse_reference")
+    parser.add_argument("--samples", type=counts, default=[16, 64, 256], metavar="N,...", help="sample counts of the peers [16,64,256]")
     parser.add_argument("--our-samples", type=counts, default=[16, 32, 64, 128, 256, 512, 1024], metavar="N,...",
-                        help="of glasshouse [16 to 1024]")
+                        help="sample counts of glasshouse [16 to 1024]")
     parser.add_argument("--samplers", type=names, default=["ldsampler", "multijitter"], metavar="NAME,...",
-                        help="of Mitsuba [ldsampler,multijitter]; all but ldsampler are rows of their own")
-    parser.add_argument("--mitsuba-reference-spp", type=int, default=4096, metavar="N", help="also serves Cycles [4096]")
-    parser.add_argument("--reference-spp", type=int, default=65536, metavar="N", help="of glasshouse [65536]")
+                        help="samplers of Mitsuba [ldsampler,multijitter]; each but ldsampler has its own rows")
+    parser.add_argument("--mitsuba-reference-spp", type=int, default=4096, metavar="N", help="reference of Mitsuba and Cycles [4096]")
+    parser.add_argument("--reference-spp", type=int, default=65536, metavar="N", help="reference of glasshouse [65536]")
     parser.add_argument("--glasshouse", type=Path, default=REPOSITORY / "target" / "release" / "glasshouse", metavar="PROGRAM")
     args = parser.parse_args()
     for name in args.only:
@@ -51,7 +51,7 @@ def arguments() -> argparse.Namespace:
 
 
 def commands(args: argparse.Namespace) -> dict[str, list[str]]:
-    """What is run, in this order: a script and its options for each peer and for each reference that is needed."""
+    """Returns the script and its options for each peer and for each needed reference, in the order of the run."""
     text = lambda numbers: ",".join(str(n) for n in numbers)
     program = ["--program", str(args.glasshouse)]
     found: dict[str, list[str]] = {}
@@ -73,7 +73,7 @@ def commands(args: argparse.Namespace) -> dict[str, list[str]]:
 
 
 def keep_or_forget(args: argparse.Namespace) -> None:
-    """Results of another scene are refused; those of --redo are deleted."""
+    """Refuses results of another scene, and deletes those of --redo."""
     args.out.mkdir(parents=True, exist_ok=True)
     stamp, digest = args.out / "scene.sha256", scenes.digest(args.scene)
     if stamp.is_file() and stamp.read_text() != digest:
@@ -85,7 +85,7 @@ def keep_or_forget(args: argparse.Namespace) -> None:
 
 
 def run_peer(name: str, command: list[str], args: argparse.Namespace) -> bool:
-    """Runs a peer's script to its end; its chatter goes to a log, its own lines are shown."""
+    """Runs a peer's script to its end; its output goes to a log, and lines that start with its name are shown."""
     script, *options = command
     line = [sys.executable, str(HERE / script), str(args.scene), "--out", str(args.out / name), *options]
     with open(args.out / f"{name}.log", "w") as log:
@@ -97,19 +97,19 @@ def run_peer(name: str, command: list[str], args: argparse.Namespace) -> bool:
                 if text.startswith(f"{name}:"):
                     print(text, end="", flush=True)
     if child.returncode:
-        print(f"{name} is left out: {last} (all it said: {args.out / name}.log)", file=sys.stderr)
+        print(f"{name} is left out: {last} (log: {args.out / name}.log)", file=sys.stderr)
     return child.returncode == 0
 
 
 def machine() -> str:
-    """The processor, and how busy it is."""
+    """Describes the processor and its load."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     cpu = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown CPU")
     return f"{cpu}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
 
 
 def programs(out: Path) -> dict[str, str]:
-    """Each peer's version."""
+    """Returns each peer's version."""
     found = {path.parent.name: json.loads(path.read_text()) for path in sorted(out.glob("*/result.json"))}
     return {name: data["program"] for name, data in found.items()}
 

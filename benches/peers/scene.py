@@ -1,7 +1,7 @@
-"""A scene file (glasshouse.scene/1) as the peers need it: radiance, sheets of triangles, camera and glass.
+"""Reads a scene file (glasshouse.scene/1) for the peers: radiance, sheets of triangles, camera and glass.
 
 World: lens centre at the origin, +x image right, +y image down, +z into the front scene; metres. See docs/physics.md.
-Only what all peers can render is accepted: an untilted pane without absorption, depth along z, no holes, box filter.
+Accepts only scenes that all peers can render: an untilted pane without absorption, depth along z, no holes, box filter.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ SYMBOLS = {"input": "I", "transmission": "T", "glass_reflection": "R~", "clean_r
 
 
 class SceneError(Exception):
-    """A scene that the peers cannot render alike; says what to change."""
+    """A scene that some peer cannot render; the message names the necessary change."""
 
 
 @dataclass(frozen=True)
 class Photograph:
-    """Linear radiance (H,W,3) and depth along z (H,W), both float32, with the pinhole they were taken by, px."""
+    """Linear radiance (H,W,3) and depth along z (H,W), both float32, with the intrinsics of the pinhole camera, px."""
 
     radiance: np.ndarray
     depth_m: np.ndarray
@@ -65,7 +65,7 @@ class Scene:
 
     @property
     def focus_shift_m(self) -> float:
-        """By how much the pane brings what lies behind it nearer, along the axis: t (1 - 1/n)."""
+        """Returns the distance by which the pane brings objects behind it nearer along the axis: t (1 - 1/n)."""
         return self.thickness_m * (1.0 - 1.0 / self.ior)
 
 
@@ -73,7 +73,7 @@ def load(folder: Path) -> Scene:
     """Reads FOLDER/scene.json and its photographs."""
     path = folder / "scene.json"
     if not path.is_file():
-        raise SceneError(f"{path} is missing: give a folder with a scene.json (README.md says how to make one)")
+        raise SceneError(f"{path} is missing: give a folder with a scene.json (README.md has the commands that make one)")
     line = json.loads(path.read_text())
     check(line)
     front, back = (photograph(folder, line[side]) for side in ("front", "back"))
@@ -99,12 +99,12 @@ def load(folder: Path) -> Scene:
 
 
 def apex(line: dict) -> str:
-    """Where the back photograph was taken from: `mirror` or `camera`."""
+    """Returns the position of the back photograph's camera: `mirror` or `camera`."""
     return line["back"].get("apex", "mirror")
 
 
 def check(line: dict) -> None:
-    """Refuses what not every peer can render."""
+    """Raises an error if some peer cannot render the scene."""
     glass = line["glass"]
     if any(glass.get("tilt_deg", [0, 0])) or any(glass.get("absorption_per_m", [0, 0, 0])):
         raise SceneError("the peers take an untilted pane without absorption: set tilt_deg and absorption_per_m to 0")
@@ -134,7 +134,7 @@ def photograph(folder: Path, entry: dict) -> Photograph:
 
 
 def focus_distance_m(line: dict, front: Photograph) -> float:
-    """The given distance, or `front_center`: mean depth of the four centre pixels."""
+    """Returns the given distance, or for `front_center` the mean depth of the four centre pixels."""
     focus = line["camera"]["focus"]
     if "distance_m" in focus:
         return float(focus["distance_m"])
@@ -143,15 +143,15 @@ def focus_distance_m(line: dict, front: Photograph) -> float:
 
 
 def check_clearance(scene: Scene) -> None:
-    """A path tracer sees a sheet that stands between lens and pane; glasshouse, whose pane clips nothing, does not."""
+    """Refuses sheets between lens and pane: a path tracer hits them there, but in glasshouse the pane clips nothing."""
     if scene.front.depth_m.min() <= scene.glass_distance_m + scene.thickness_m:
         raise SceneError("part of the front sheet is nearer than the pane: choose another scene")
     if scene.back.depth_m.min() <= scene.back_apex_m[2]:
-        raise SceneError("part of the back sheet stands before the lens: choose another scene")
+        raise SceneError("part of the back sheet is in front of the lens: choose another scene")
 
 
 def sheet(scene: Scene, side: str) -> Sheet:
-    """One vertex a pixel centre, two triangles a quad, split along the diagonal (i+1,j)-(i,j+1); every quad is kept."""
+    """Makes one vertex per pixel centre and two triangles per quad, split along the diagonal (i+1,j)-(i,j+1)."""
     photo = scene.front if side == "front" else scene.back
     h, w = photo.depth_m.shape
     j, i = np.meshgrid(np.arange(h), np.arange(w), indexing="ij")
@@ -171,7 +171,7 @@ def sheet(scene: Scene, side: str) -> Sheet:
 
 
 def digest(folder: Path) -> str:
-    """SHA-256 of scene.json and of the photographs' bytes."""
+    """Returns the SHA-256 of scene.json and of the photographs' bytes."""
     text = (folder / "scene.json").read_bytes()
     total = hashlib.sha256(text)
     line = json.loads(text)

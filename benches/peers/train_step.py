@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""The training step that `glasshouse bench train` measures, in PyTorch, and the ratio of their CPU seconds.
+"""Measures the training step of `glasshouse bench train` in PyTorch, and the ratio of the CPU seconds of both.
 
     pip install torch numpy
     cargo build --release
     benches/peers/train_step.py [--glasshouse target/release/glasshouse] [--rounds 3] [--json]
 
-Both take one thread and the same networks, losses, optimiser and sizes: the discriminator learns on (I, T); SP-net through
-l1 + 0.2 feature + 0.01 adversarial on T and l1 + 0.2 feature on R~; l1 + 0.2 feature of BT-net(R~*) against R, the gradient
-flowing through BT-net's hypercolumn; Adam on all three. 256 x 256 px, batch 1, 64 channels, a random VGG-19. They are run in
-turns; the best step of each counts, so that what else the machine does counts least.
+Both use one thread and the same networks, losses, optimiser and sizes. The discriminator learns on (I, T); SP-net
+learns from l1 + 0.2 feature + 0.01 adversarial on T, l1 + 0.2 feature on R~, and l1 + 0.2 feature of BT-net(R~*)
+against R, with the gradient through BT-net's hypercolumn; Adam on all three. 256 x 256 px, batch 1, 64 channels, a
+random VGG-19. The programs alternate, and the best step of each counts, so that other load matters least.
 """
 
 import argparse
@@ -27,7 +27,7 @@ CHANNELS, SIZE_PX = 64, 256
 
 
 def pytorch_step(steps):
-    """Best CPU seconds of `steps` steps after one that warms up; number of parameters; peak memory in bytes."""
+    """Returns CPU seconds of the best of `steps` steps after a warm-up step, number of parameters and peak memory."""
     import torch
     import torch.nn as nn
     import torch.nn.functional as F
@@ -129,8 +129,8 @@ def pytorch_step(steps):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--glasshouse", default=str(pathlib.Path(__file__).parents[2] / "target/release/glasshouse"))
-    parser.add_argument("--rounds", type=int, default=3, help="turns of each")
-    parser.add_argument("--steps", type=int, default=3, help="steps a turn, after one that warms up")
+    parser.add_argument("--rounds", type=int, default=3, help="rounds of each program")
+    parser.add_argument("--steps", type=int, default=3, help="steps per round, after a warm-up step")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--only-pytorch", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()

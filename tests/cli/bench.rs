@@ -1,4 +1,4 @@
-//! `bench`: its measurements, and the files that it writes.
+//! Tests the measurements of `bench`, and the files that it writes.
 
 use crate::support::outputs::read_json;
 use crate::support::program::{run_line, text};
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// A scene file of 40 x 24 px in `folder`.
+/// Writes a scene file of 40 x 24 px and its photographs to `folder`.
 fn scene_file(folder: &Path, line: &Value) -> PathBuf {
     photographs(folder);
     let path = folder.join("scene.json");
@@ -18,14 +18,14 @@ fn scene_file(folder: &Path, line: &Value) -> PathBuf {
     path
 }
 
-/// Rows of one sampling variant and one layer.
+/// Returns the rows of one sampling variant and one layer.
 fn rows<'a>(result: &'a Value, variant: &str, layer: &str) -> Vec<&'a Value> {
     let all = result["rows"].as_array().unwrap();
     all.iter().filter(|row| row["variant"] == variant && row["layer"] == layer).collect()
 }
 
 #[test]
-fn the_error_falls_and_is_written_to_files() {
+fn more_samples_reduce_the_error() {
     let folder = tempfile::tempdir().unwrap();
     let scene_path = scene_file(folder.path(), &scene("one"));
     let out = folder.path().join("error");
@@ -209,7 +209,7 @@ fn dumped_rays_hit_the_dumped_mesh() {
         let (nx, ny) =
             (class["nx"].as_u64().unwrap() as usize, class["ny"].as_u64().unwrap() as usize);
         assert_eq!(hits.len(), class["count"].as_u64().unwrap() as usize);
-        // Every fourth pixel of 40 x 24.
+        // The dump has every fourth pixel of 40 x 24.
         assert_eq!((hits.len(), rays.len()), (10 * 6 * 256, hits.len() * 6));
         assert_eq!((nx, ny, vertices.len()), (64, 48, 64 * 48 * 3));
         assert!(class["kernel_mrays_per_s"].as_f64().unwrap() > 0.0);
@@ -246,7 +246,7 @@ fn dumped_rays_hit_the_dumped_mesh() {
 
 /// The simulated farm: equal arguments give equal numbers, faults are counted, and every shard is traced.
 #[test]
-fn a_farm_is_simulated() {
+fn the_simulated_farm_is_deterministic() {
     let simulate = || {
         let line = "bench farm --simulate --json --workers 40 --scenes 400 --shards 4 --seed 7 --lease-s 2 --kill 0@3.1 \
                     --kill 10% --slow 1x4 --stop 2@1+5 --wipe 2 --away 4+1";
@@ -270,7 +270,7 @@ fn a_farm_is_simulated() {
 }
 
 #[test]
-fn a_farm_that_cannot_be_simulated_is_refused() {
+fn impossible_simulations_are_refused() {
     run_line("bench farm --simulate --kill 8@1").expect(2).says(&["no worker 8", "0 to 7"]);
     run_line("bench farm --simulate --kill 3").expect(2).says(&["3@SECOND"]);
     run_line("bench farm --simulate --workers 1 --kill 0@1").expect(1).says(&["no worker is left"]);

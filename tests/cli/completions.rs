@@ -1,4 +1,4 @@
-//! Shell completions, and man pages of every command.
+//! Tests shell completions, and man pages of every command.
 
 use crate::support::program::{Ended, command, run, text};
 use clap::CommandFactory;
@@ -6,7 +6,7 @@ use glasshouse::cli::Args;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Names as in file names: `glasshouse`, `glasshouse-bench-error`, ...
+/// Returns the names of all commands as in file names: `glasshouse`, `glasshouse-bench-error`, ...
 fn names() -> Vec<String> {
     fn walk(command: &clap::Command, name: &str, names: &mut Vec<String>) {
         names.push(name.to_owned());
@@ -19,7 +19,7 @@ fn names() -> Vec<String> {
     names
 }
 
-/// Runs a program; whether it succeeds, `None` if it is not installed.
+/// Runs a program; returns true if it succeeds, `None` if it is not installed.
 fn accepts(program: &str, arguments: &[&str]) -> Option<bool> {
     let mut command = Command::new(program);
     let quiet = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());

@@ -1,4 +1,4 @@
-//! Runs `doctor` on good and bad folders, and on present and absent stores and queues.
+//! Runs `doctor` on good and bad folders, and on reachable and unreachable stores and queues.
 
 use crate::support::nats::Nats;
 use crate::support::outputs::{files, read_json};
@@ -8,7 +8,7 @@ use crate::support::workplace::{run_in, workplace};
 use serde_json::Value;
 use std::path::Path;
 
-/// The finding of a check.
+/// Returns the finding of a check.
 fn finding<'a>(doctor: &'a Value, check: &str) -> &'a Value {
     let findings = doctor["findings"].as_array().unwrap();
     let found = findings.iter().find(|f| f["check"] == check);
@@ -24,7 +24,7 @@ fn entries(folder: &Path) -> usize {
 }
 
 #[test]
-fn a_good_folder_passes_and_no_file_stays() {
+fn a_good_folder_passes_and_no_file_remains() {
     let place = workplace();
     let smoke = place.path().join("runs/smoke");
     let before = files(&smoke);
@@ -64,7 +64,7 @@ fn a_dry_run_writes_no_file() {
 
 #[test]
 fn a_read_only_folder_fails() {
-    // No user can write there.
+    // No user can write to /proc.
     let doctor = run(&["doctor", "/proc", "--json"]).expect(1).json();
     let disk = finding(&doctor, "disk");
     assert_eq!(disk["level"], "fail");
@@ -74,7 +74,7 @@ fn a_read_only_folder_fails() {
 }
 
 #[test]
-fn a_run_with_other_bits_or_a_damaged_spec_fails() {
+fn a_run_with_another_golden_digest_or_a_damaged_spec_fails() {
     let place = workplace();
     let spec = place.path().join("runs/smoke/spec.json");
     let mut other = read_json(&spec);
@@ -91,7 +91,7 @@ const STORE: [&str; 5] =
     ["store put", "store read", "store list", "store put once", "store remove"];
 
 #[test]
-fn a_folder_is_a_store() {
+fn a_folder_works_as_a_store() {
     let folder = tempfile::tempdir().unwrap();
     let store = folder.path().join("store");
     let address = format!("file://{}", store.display());
@@ -108,7 +108,7 @@ fn a_folder_is_a_store() {
 }
 
 #[test]
-fn a_bucket_is_a_store() {
+fn a_bucket_works_as_a_store() {
     let folder = tempfile::tempdir().unwrap();
     let bucket = S3Server::start(3);
     let doctor = |address: &str, code| {
@@ -135,7 +135,7 @@ fn a_bucket_is_a_store() {
 
 #[cfg(feature = "nats")]
 #[test]
-fn an_absent_queue_fails() {
+fn an_unreachable_queue_fails() {
     let folder = tempfile::tempdir().unwrap();
     let doctor =
         run(&["doctor", text(folder.path()), "--queue", "nats://me:hush@127.0.0.1:1", "--json"])
@@ -149,7 +149,7 @@ fn an_absent_queue_fails() {
 
 #[cfg(feature = "nats")]
 #[test]
-fn a_server_is_a_queue() {
+fn a_nats_server_works_as_a_queue() {
     let Some(server) = Nats::start() else { return };
     let folder = tempfile::tempdir().unwrap();
     let url = server.url();

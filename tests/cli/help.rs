@@ -9,18 +9,18 @@ use std::path::Path;
 /// Treatment of an example that a test cannot run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Instead {
-    /// It is run with `-n`.
+    /// The test runs the example with `-n`.
     DryRun,
-    /// It is only parsed.
+    /// The test only parses the example.
     Parsed,
 }
 
 use Instead::{DryRun, Parsed};
 
-/// Examples that are not run unchanged, with the reason.
+/// Examples that the test does not run unchanged, with the reasons.
 const NOT_RUN: &[(&str, Instead, &str)] = &[
-    ("sample /tmp/places --layout places --count 68", DryRun, "takes long"),
-    ("sample /tmp/many --layout places --count 4160 --width 32 --height 24", DryRun, "takes long"),
+    ("sample /tmp/places --layout places --count 68", DryRun, "is slow"),
+    ("sample /tmp/many --layout places --count 4160 --width 32 --height 24", DryRun, "is slow"),
     ("coordinate runs/mine --queue nats://localhost:4222", Parsed, "needs a server"),
     ("work runs/mine --queue nats://localhost:4222", Parsed, "needs a server"),
     (
@@ -29,28 +29,28 @@ const NOT_RUN: &[(&str, Instead, &str)] = &[
         "needs a bucket and a server",
     ),
     #[cfg(feature = "train")]
-    ("train runs/smoke --stage backtrack --steps 200", DryRun, "takes long"),
+    ("train runs/smoke --stage backtrack --steps 200", DryRun, "is slow"),
     #[cfg(feature = "train")]
-    ("train runs/smoke --stage separation --steps 200 --json", DryRun, "takes long"),
+    ("train runs/smoke --stage separation --steps 200 --json", DryRun, "is slow"),
     ("bench error", DryRun, "measures for minutes"),
     (
         "bench error --scene scene.json --spp 1,4,16,64 --reference-spp 4096 --out error",
         DryRun,
-        "measures for long",
+        "measures for minutes",
     ),
-    ("bench error --scene scene.json --reference out", DryRun, "measures for long"),
-    ("bench trace", DryRun, "measures for long"),
-    ("bench trace --scene scene.json --dump rays", DryRun, "measures for long"),
-    ("bench farm", DryRun, "needs a server, and measures for long"),
-    ("bench farm --makespan", DryRun, "needs a server, and measures for long"),
-    ("bench farm --resume", DryRun, "measures for long"),
+    ("bench error --scene scene.json --reference out", DryRun, "measures for minutes"),
+    ("bench trace", DryRun, "measures for minutes"),
+    ("bench trace --scene scene.json --dump rays", DryRun, "measures for minutes"),
+    ("bench farm", DryRun, "needs a server, and measures for minutes"),
+    ("bench farm --makespan", DryRun, "needs a server, and measures for minutes"),
+    ("bench farm --resume", DryRun, "measures for minutes"),
     #[cfg(feature = "train")]
-    ("bench train -j 1", DryRun, "measures for long"),
+    ("bench train -j 1", DryRun, "measures for minutes"),
     #[cfg(feature = "train")]
-    ("bench train -j 1 --json --steps 3", DryRun, "measures for long"),
+    ("bench train -j 1 --json --steps 3", DryRun, "measures for minutes"),
 ];
 
-/// The names of all commands and subcommands (`bench error`), in the order of the help.
+/// Returns the names of all commands and subcommands (`bench error`), subcommands first.
 fn commands() -> Vec<String> {
     fn walk(command: &clap::Command, before: &str, names: &mut Vec<String>) {
         for inside in command.get_subcommands().filter(|inside| !inside.is_hide_set()) {
@@ -65,7 +65,7 @@ fn commands() -> Vec<String> {
     names
 }
 
-/// The example command lines of a command's help, without the program's name, comments and redirections.
+/// Returns the examples in a command's help, without the program's name, comments and redirections.
 fn examples(name: &str) -> Vec<String> {
     let words: Vec<&str> = name.split_whitespace().chain(["--help"]).collect();
     let help = run(&words).expect(0).stdout;
@@ -78,7 +78,7 @@ fn examples(name: &str) -> Vec<String> {
         .filter(|line| !line.is_empty())
         .map(|line| {
             line.strip_prefix("glasshouse ")
-                .unwrap_or_else(|| panic!("after the examples of {name:?} comes {line:?}"))
+                .unwrap_or_else(|| panic!("{name:?}: {line:?} among the examples is not one"))
                 .to_owned()
         })
         .collect();
@@ -86,7 +86,7 @@ fn examples(name: &str) -> Vec<String> {
     found
 }
 
-/// All examples, each once.
+/// Returns all examples without duplicates.
 fn all_examples() -> Vec<String> {
     let mut all: Vec<String> = commands().iter().flat_map(|name| examples(name)).collect();
     all.sort();
@@ -94,7 +94,7 @@ fn all_examples() -> Vec<String> {
     all
 }
 
-/// The words of an example, with outside paths replaced by paths in `folder`.
+/// Splits an example into words, and replaces outside paths by paths in `folder`.
 fn words(line: &str, folder: &Path) -> Vec<String> {
     let of = |word: &str| match word.strip_prefix("/tmp/") {
         Some(name) => folder.join(name).display().to_string(),
@@ -105,7 +105,7 @@ fn words(line: &str, folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn every_example_is_parsed_and_every_exception_exists() {
+fn every_example_is_valid_and_every_exception_exists() {
     let all = all_examples();
     assert!(all.len() > commands().len(), "{} examples", all.len());
     for line in &all {
@@ -135,7 +135,7 @@ fn examples_work() {
         }
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
         let ended = run_in(folder.path(), &arguments);
-        // The doctor may find a slow or crowded build machine unfit.
+        // `doctor` may report that a slow or busy build machine is unfit.
         if line.starts_with("doctor") && ended.code == Some(1) {
             eprintln!("`{line}` finds this machine unfit: {}", ended.stdout);
             continue;
@@ -149,7 +149,7 @@ fn examples_work() {
 }
 
 #[test]
-fn help_and_version_are_no_errors() {
+fn help_and_version_exit_with_0() {
     let help = run(&["--help"]).expect(0);
     for name in commands().iter().filter(|name| !name.contains(' ')) {
         assert!(help.stdout.contains(name), "{name}");

@@ -1,4 +1,4 @@
-//! `--json`: one JSON object on stdout, progress and notes on stderr.
+//! With `--json`, every command prints one JSON object to stdout, and progress and notes to stderr.
 
 use crate::support::program::{run, run_line, text};
 use crate::support::scenes::{photographs, place, scene};
@@ -55,7 +55,7 @@ fn every_command_prints_one_object() {
 }
 
 #[test]
-fn errors_are_objects_too() {
+fn errors_are_json_objects() {
     let folder = tempfile::tempdir().unwrap();
     let nowhere = folder.path().join("nowhere");
     let nowhere = text(&nowhere);

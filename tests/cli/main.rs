@@ -1,9 +1,9 @@
-//! The command line: help, completions, signals, `--json`, exit codes, and the commands that only read or measure.
+//! Tests the command line: help, completions, signals, `--json`, exit codes, and commands that only read or measure.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,
     clippy::print_stderr,
-    reason = "tests may panic in any function, damage files, and say why they cannot run here"
+    reason = "tests may panic in any function, damage files, and print why they are skipped"
 )]
 
 mod bench;

@@ -1,4 +1,4 @@
-//! Signals, time limits, locks and full disks: finished work stays, and the exit code tells the reason.
+//! After signals, time limits and full disks, finished work stays, and the exit code gives the reason.
 
 use crate::support::outputs::{assert_same, assert_tidy, files, manifest, tuples};
 use crate::support::program::{Ended, command, run, run_on_full_disk, send, text, wait_until};
@@ -34,12 +34,12 @@ fn stopped_by(signal: &str, code: i32) {
 }
 
 #[test]
-fn sigterm_ends_with_143() {
+fn sigterm_exits_with_143() {
     stopped_by("TERM", 143);
 }
 
 #[test]
-fn sigint_ends_with_130() {
+fn sigint_exits_with_130() {
     stopped_by("INT", 130);
 }
 
@@ -51,7 +51,7 @@ fn an_interrupted_render_gives_a_json_error() {
     std::fs::write(&scene, manifest(&place.run)[0].to_string()).unwrap();
     let root = format!("sample={}", text(&place.run.join("inputs/sample")));
     let out = place.run.join("out");
-    // Far more samples than the test has time for.
+    // The samples take far longer than the test.
     let arguments = ["render", text(&scene), "--out", text(&out), "--root", &root];
     let more = ["--spp", "65536", "--json", "-q"];
     let mut child = command(&[&arguments[..], &more].concat()).spawn().unwrap();
@@ -62,7 +62,7 @@ fn an_interrupted_render_gives_a_json_error() {
         child.wait().unwrap();
         return;
     }
-    // Bit 14 of SigCgt: SIGTERM is caught.
+    // Bit 14 of SigCgt is set if the process catches SIGTERM.
     let catches = || {
         let text = std::fs::read_to_string(&status).unwrap_or_default();
         let mask = text.lines().find_map(|l| l.strip_prefix("SigCgt:"));
@@ -84,7 +84,7 @@ fn a_time_limit_exits_with_75_until_the_run_is_done() {
     let ended = run(&["work", folder, "--time-limit", "0", "--json"]).expect(75);
     assert_eq!(ended.json()["stopped"], "time_limit");
     assert_eq!(ended.json()["shards_traced"], 0);
-    // In short slots, like a batch queue.
+    // Short time slots, as in a batch queue.
     let mut slots = 0;
     loop {
         slots += 1;
@@ -109,15 +109,15 @@ fn a_second_process_exits_with_75() {
     for arguments in [vec!["work", folder], vec!["merge", folder], place.arguments("run", &[])] {
         run(&arguments).expect(75).says(&["another process", folder]);
     }
-    // Reading is allowed.
+    // Commands that only read are allowed.
     run(&["status", folder]).expect(0);
     drop(lock);
     run(&["work", folder]).expect(0);
 }
 
-/// A limit on the size of files stands in for a full disk.
+/// A limit on the size of files simulates a full disk.
 #[test]
-fn a_full_disk_ends_with_1_and_can_be_resumed() {
+fn a_run_on_a_full_disk_exits_with_1_and_can_be_resumed() {
     let place = place();
     place.plan();
     let folder = text(&place.run);
@@ -133,7 +133,7 @@ fn a_full_disk_ends_with_1_and_can_be_resumed() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_ends_with_1() {
+fn a_read_only_folder_exits_with_1() {
     let place = place();
     place.plan();
     std::fs::write(place.run.join("partials"), b"a file where a folder should be").unwrap();

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// First words of command lines in code blocks.
+/// Programs that start a command line in a code block.
 const PROGRAMS: &str = "glasshouse cargo python3 python3.11 pip sbatch scancel kubectl docker systemctl systemd-run sudo \
     nats-server nats nohup kill while rsync scp ssh git curl cp mkdir sha256sum benches/peers/run.py \
     benches/peers/export_scene.py ~/peers/bin/pip ~/peers/bin/python .ci/run benches/peers/train_step.py \
@@ -24,7 +24,7 @@ pub(crate) fn page(name: &str) -> Page {
     }
 }
 
-/// All documents.
+/// Reads all documents.
 pub(crate) fn pages() -> Vec<Page> {
     let named = "README.md ARCHITECTURE.md CHANGELOG.md CONTRIBUTING.md docs/decisions/farm-scheduling.md \
                  manifests/README.md workers/README.md benches/README.md benches/peers/README.md";
@@ -40,7 +40,7 @@ pub(crate) fn pages() -> Vec<Page> {
     names.iter().map(|name| page(name)).collect()
 }
 
-/// Lines, and whether each is in a code block.
+/// Returns the lines, each with true if it is in a code block.
 fn lines(text: &str) -> Vec<(&str, bool)> {
     let mut fenced = false;
     let mut before_is_code = true;
@@ -59,7 +59,7 @@ fn lines(text: &str) -> Vec<(&str, bool)> {
     found
 }
 
-/// The code spans of a line of prose.
+/// Returns the code spans of a line of prose.
 fn spans(line: &str) -> impl Iterator<Item = &str> {
     line.split('`').skip(1).step_by(2)
 }
@@ -84,7 +84,7 @@ fn is_command(line: &str) -> bool {
 }
 
 impl Page {
-    /// Command lines of the document; joins continued lines.
+    /// Returns the document's command lines; joins continued lines.
     pub(crate) fn command_lines(&self) -> Vec<String> {
         let mut found = Vec::new();
         let mut open = String::new();
@@ -108,7 +108,7 @@ impl Page {
         found
     }
 
-    /// Targets of the document's links.
+    /// Returns the targets of the document's links.
     pub(crate) fn links(&self) -> Vec<String> {
         let prose = lines(&self.text).into_iter().filter(|(_, code)| !code);
         let mut found = Vec::new();
@@ -123,7 +123,7 @@ impl Page {
         found
     }
 
-    /// GitHub's anchors for the document's headings.
+    /// Returns GitHub's anchors for the document's headings.
     pub(crate) fn anchors(&self) -> BTreeSet<String> {
         let prose = lines(&self.text).into_iter().filter(|(_, code)| !code);
         prose

@@ -1,5 +1,5 @@
-//! The documents: links work, every command is described, every figure of the README names its command, and every
-//! command line is run or is an exception with a reason.
+//! Checks the documents: links work, every command is described, every figure of the README names its command, and
+//! every command line runs or is an exception with a reason.
 
 use crate::document_pages::{page, pages};
 use crate::not_run::{NOT_RUN, is_of};
@@ -8,7 +8,7 @@ use crate::support::workplace::{run_in, workplace};
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// The names in the list of commands of the program's help.
+/// Returns the command names in the program's help.
 fn commands() -> Vec<String> {
     let help = run(&["--help"]).expect(0).stdout;
     let (_, list) = help.split_once("Commands:\n").unwrap();
@@ -49,12 +49,12 @@ fn links_have_targets() {
             let target =
                 if file.is_empty() { Path::new(&page.name).to_owned() } else { folder.join(file) };
             let full = Path::new(env!("CARGO_MANIFEST_DIR")).join(&target);
-            assert!(full.exists(), "{}: {link} leads nowhere", page.name);
+            assert!(full.exists(), "{}: {link} has no target", page.name);
             if !anchor.is_empty() {
                 let anchors = self::page(target.to_str().unwrap()).anchors();
                 assert!(
                     anchors.contains(anchor),
-                    "{}: {link}: that page has no such heading, but {anchors:?}",
+                    "{}: {link}: the headings of that page are {anchors:?}",
                     page.name
                 );
             }
@@ -77,7 +77,7 @@ fn every_figure_of_the_readme_names_its_command() {
 }
 
 #[test]
-fn the_scene_of_the_readme_is_rendered() {
+fn the_scene_of_the_readme_renders() {
     let folder = tempfile::tempdir().unwrap();
     let readme = page("README.md");
     let (_, scene) = readme.text.split_once("```json\n").unwrap();
@@ -96,7 +96,7 @@ fn image_size(path: &Path) -> (u32, u32) {
     image::image_dimensions(path).unwrap()
 }
 
-/// Commands that write no file are run unchanged, the others with `-n`.
+/// Commands that write no file. The test runs them unchanged, and the others with `-n`.
 const READ_ONLY: &[&str] = &["status", "explain", "doctor", "completions", "inspect"];
 
 /// Creates the files and folders that the documents' command lines name.
@@ -107,7 +107,7 @@ fn furnish(folder: &Path) {
     };
     run("sample data/diode --count 72 --width 32 --height 24");
     run("sample made-places --layout places --count 68 --width 32 --height 24");
-    // Not started, so that it can be paused and resumed.
+    // This run has not started, so that it can be paused and resumed.
     run("plan my.toml --root diode=data/diode --out runs/mine");
     let link = |from: &str, to: &str| {
         let to = folder.join(to);
@@ -136,14 +136,14 @@ fn furnish(folder: &Path) {
         let recipe = Path::new("manifests").join(name);
         std::fs::copy(repository.join(&recipe), folder.join(&recipe)).unwrap();
     }
-    // Planned again, not trained.
+    // These runs are planned separately, and not trained.
     for to in ["RUN2", "RUN3"] {
         run(&format!("plan manifests/smoke.toml --out {to}"));
         run(&format!("work {to}"));
     }
 }
 
-/// A command line with its placeholders replaced, to be run in a separate folder.
+/// Replaces the placeholders of a command line, so that it can run in the test's folder.
 fn as_run(line: &str) -> Vec<String> {
     let line = line
         .replace("\"$GLASSHOUSE_QUEUE\"", "nats://one:4222")
@@ -162,7 +162,7 @@ fn as_run(line: &str) -> Vec<String> {
         word[usize::from(is_absolute)..].to_owned()
     };
     let mut words: Vec<String> = line.split_whitespace().skip(1).map(below).collect();
-    // A command without arguments.
+    // A document that names only a command refers to its help.
     if words.len() == 1 || words[0] == "bench" && words.len() == 2 {
         words.push("--help".to_owned());
     }
@@ -175,7 +175,7 @@ fn as_run(line: &str) -> Vec<String> {
 }
 
 #[test]
-fn command_lines_are_run_or_listed() {
+fn every_command_line_runs_or_is_listed() {
     let folder = workplace();
     furnish(folder.path());
     let mut needed = BTreeSet::new();
@@ -191,7 +191,7 @@ fn command_lines_are_run_or_listed() {
                 continue;
             }
             if !line.starts_with("glasshouse ") {
-                wrong.push(format!("{}: not run, not listed: {line}", page.name));
+                wrong.push(format!("{}: neither run nor listed: {line}", page.name));
                 continue;
             }
             let words = as_run(&line);
@@ -213,7 +213,7 @@ fn command_lines_are_run_or_listed() {
     }
 }
 
-/// The text of every Rust file below a folder.
+/// Adds the text of every Rust file below a folder to `found`.
 fn sources(folder: &Path, found: &mut Vec<String>) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();

@@ -1,4 +1,4 @@
-//! The programs of `examples/`: each is run, the second and the third on the output of the first.
+//! Runs the programs of `examples/`, the second and the third on the output of the first.
 
 #[allow(dead_code, reason = "its main is not called")]
 #[path = "../../examples/read_tuple.rs"]
@@ -16,7 +16,7 @@ fn examples_render_read_and_train() {
     let folder = tempfile::tempdir().unwrap();
     render_scene::render(folder.path()).unwrap();
     let transmitted = read_tuple::read(folder.path()).unwrap();
-    // Two faces of 4 % each at n = 1.5, a little more at an angle.
+    // At n = 1.5 each of the two faces reflects 4 %, and slightly more at an angle.
     assert!((0.88..0.93).contains(&transmitted), "{transmitted}");
     #[cfg(feature = "train")]
     {

@@ -1,9 +1,9 @@
-//! The repository's pages, their command lines, and the launch files of `workers/`.
+//! Checks the repository's pages, their command lines, and the launch files of `workers/`.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,
     clippy::print_stderr,
-    reason = "tests may panic in any function, damage files, and say why they cannot run here"
+    reason = "tests may panic in any function, damage files, and print why they are skipped"
 )]
 
 mod document_pages;

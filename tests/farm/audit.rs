@@ -40,7 +40,7 @@ fn one_wrong_pixel_is_found() {
     assert_eq!((&good["same"], &good["differ"]), (&SCENES.into(), &0.into()));
     assert_eq!(good["scenes"][0]["files"], 6);
 
-    // Pixel 500 of 96 a row.
+    // A row has 96 pixels: pixel 500 is at (20, 5).
     damage(&place.run.join("tuples/train-sample-000001/tuple.exr"), "input.G", 500);
     let bad =
         run(&all).expect(1).says(&["train-sample-000001", "tuple.exr", "1 of 6144 pixels"]).json();
@@ -57,7 +57,7 @@ fn one_wrong_pixel_is_found() {
     run(&["audit", folder, "--scene", "train-sample-000001"]).expect(1);
     run(&["audit", folder, "--scene", "train-sample-000000"]).expect(0);
 
-    // A note with another content, and a truncated picture.
+    // A record with another value, and a truncated picture.
     let path = place.run.join("tuples/train-sample-000000/tuple.json");
     let record = std::fs::read_to_string(&path).unwrap();
     std::fs::write(&path, record.replacen("\"miss_share\": ", "\"miss_share\": 1", 1)).unwrap();
@@ -86,11 +86,11 @@ fn the_same_seed_draws_the_same_scenes() {
     assert_eq!(drawn("7").as_array().unwrap().len(), SCENES / 2);
     let others = (0..8).map(|seed| drawn(&seed.to_string()));
     assert!(others.into_iter().any(|scenes| scenes != drawn("7")));
-    run(&["audit", folder, "--scene", "nobody"]).expect(2).says(&["is not a scene"]);
+    run(&["audit", folder, "--scene", "unknown"]).expect(2).says(&["is not a scene"]);
 }
 
 #[test]
-fn partials_are_compared_and_other_inputs_are_no_verdict() {
+fn partials_are_compared_unless_inputs_have_changed() {
     let place = place();
     place.plan();
     let folder = text(&place.run);
@@ -106,7 +106,7 @@ fn partials_are_compared_and_other_inputs_are_no_verdict() {
     assert_eq!(differences.len(), 1);
     assert_eq!(differences[0]["file"], format!("partials/{id}/000001.exr"));
     assert_eq!(differences[0]["pixels"], 1);
-    // As it was rounded when it was added.
+    // The addition has rounded the f32 value.
     let largest = differences[0]["largest"].as_f64().unwrap();
     assert!((largest - 1.0).abs() < 1e-6, "{largest}");
 
@@ -126,7 +126,7 @@ fn partials_are_compared_and_other_inputs_are_no_verdict() {
 
 /// In a farm the receipt names the worker; the audit needs only the store.
 #[test]
-fn the_worker_is_named() {
+fn the_audit_names_the_worker() {
     let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();

@@ -1,4 +1,4 @@
-//! `bench farm` on real processes: short runs, whose figures must be present and plausible.
+//! Runs `bench farm` briefly on real processes; its figures must be present and plausible.
 
 use crate::support::nats::Nats;
 use crate::support::program::run;
@@ -50,7 +50,7 @@ fn the_makespan_of_a_farm_with_faults_is_measured() {
         assert!((12.0..=48.0).contains(&number(pass, "loads")), "{run}");
         assert!((1.0..=4.0).contains(&number(run, "loads_per_scene")));
     }
-    // Those of the killed worker are not counted.
+    // The count excludes the shards of the killed worker.
     let traced = |run: &Value| number(&run["passes"][0], "shards_traced");
     assert!(traced(&runs[0]) >= 48.0, "{}", runs[0]);
     assert!((1.0..=96.0).contains(&traced(&runs[1])), "{}", runs[1]);
@@ -90,7 +90,7 @@ fn the_overhead_of_a_farm_is_measured() {
 }
 
 #[test]
-fn the_time_to_go_on_is_measured() {
+fn the_time_to_resume_is_measured() {
     let result = measured(&["--resume", "--scenes", "20", "--shards", "8", "--passes", "2"]);
     assert_eq!(number(&result, "shards"), 160.0);
     assert_eq!(number(&result, "tuples_there"), 10.0);

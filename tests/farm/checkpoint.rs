@@ -9,7 +9,7 @@ use crate::support::tools::wait_for;
 use std::path::Path;
 use std::time::Duration;
 
-/// Long: an hour.
+/// A checkpoint interval of an hour, longer than any test.
 const LATER: [&str; 2] = ["--checkpoint-s", "3600"];
 
 fn partials(run: &Path) -> usize {
@@ -19,7 +19,7 @@ fn partials(run: &Path) -> usize {
 }
 
 #[test]
-fn scenes_that_are_soon_done_write_no_partials() {
+fn short_scenes_write_no_partials() {
     let work = |checkpoint: &str| {
         let place = place();
         place.plan();

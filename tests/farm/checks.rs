@@ -1,4 +1,4 @@
-//! Input files are checked before tracing; and the paper's recipe is planned over folders of the real layout.
+//! `plan` checks input files, and plans the paper's recipe over folders with the layout of the real data sets.
 
 use crate::support::outputs::{files, manifest};
 use crate::support::program::{Ended, run, text};
@@ -46,7 +46,7 @@ impl Place {
         self.folder.path().join(name)
     }
 
-    /// A file of the data set, by its path in a scene line.
+    /// Returns a file of the data set from its path in a scene line.
     fn file(&self, path: &str) -> PathBuf {
         self.path("diode").join(path.strip_prefix("diode:").unwrap())
     }
@@ -62,7 +62,7 @@ impl Place {
         std::fs::read_to_string(self.path(run).join("manifest.jsonl")).unwrap()
     }
 
-    /// The scenes of a planned run by their ids.
+    /// Returns the scenes of a planned run by their ids.
     fn scenes(&self, run: &str) -> BTreeMap<String, Value> {
         let lines = manifest(&self.path(run)).into_iter();
         lines.map(|line| (line["id"].as_str().unwrap().to_owned(), line)).collect()
@@ -83,7 +83,7 @@ fn damaged_files_are_listed_in_one_table_and_nothing_is_written() {
     let train = whole.iter().filter(|(id, _)| id.starts_with("train"));
     let used: Vec<&Value> = train.map(|(_, line)| &line["front"]).collect();
 
-    // One file of each of four photographs.
+    // The test damages one file of each of four photographs.
     let mut photographs: Vec<&Value> = Vec::new();
     for front in used {
         if photographs.len() < 4 && !photographs.iter().any(|p| p["color"] == front["color"]) {
@@ -128,7 +128,7 @@ fn damaged_files_are_listed_in_one_table_and_nothing_is_written() {
     let recipe = place.path("few.toml");
     run(&["run", text(&recipe), "--out", text(&run_folder), "--root", &root]).expect(4);
 
-    // Other photographs replace the left-out ones, the same ones each time, and other scenes do not change.
+    // Other photographs replace those left out, the same ones each time, and other scenes do not change.
     let planned = place.plan("without", &["--skip-invalid"]).expect(0);
     assert!(planned.stderr.contains("photographs left out: 4"), "{planned:?}");
     let planned = planned.json();
@@ -155,7 +155,7 @@ fn damaged_files_are_listed_in_one_table_and_nothing_is_written() {
     }
     assert!(changed >= 4);
 
-    // Left-out photographs stay out, even with the files whole again.
+    // The photographs stay out even after a repair of their files.
     let color = place.file(&bad[0].0);
     std::fs::copy(place.file(left_out[1].as_str().unwrap()), color).unwrap();
     for more in [&[][..], &["--skip-invalid"]] {
@@ -190,7 +190,7 @@ fn the_table_is_printed_even_if_too_few_photographs_are_left() {
 }
 
 #[test]
-fn a_planned_run_goes_on_and_a_dry_run_says_so() {
+fn damaged_files_do_not_change_an_existing_plan() {
     let place = Place::new();
     place.plan("run", &[]).expect(0);
     let front = &place.scenes("run")["train-diode-000000"]["front"];
@@ -205,7 +205,7 @@ fn a_planned_run_goes_on_and_a_dry_run_says_so() {
 }
 
 #[test]
-fn scenes_of_a_manifest_are_left_out_by_themselves() {
+fn skip_invalid_leaves_out_single_scenes_of_a_manifest() {
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
     let mut lines = [scene("good"), scene("bad"), scene("worse")];
@@ -218,7 +218,7 @@ fn scenes_of_a_manifest_are_left_out_by_themselves() {
         let arguments = ["plan", text(&manifest), "--out", text(&out), "--json"];
         run(&[&arguments, more].concat())
     };
-    // Scenes named on the command line are kept: the impossible ones go into quarantine, the others go on.
+    // By default `plan` keeps all scenes of a manifest: the run quarantines bad scenes and renders the others.
     let kept = folder.path().join("kept");
     let ended = run(&["plan", text(&manifest), "--out", text(&kept), "--json"]).expect(0).says(&[
         "2 of 7 input files",
@@ -249,7 +249,7 @@ fn scenes_of_a_manifest_are_left_out_by_themselves() {
 }
 
 #[test]
-fn the_paper_is_planned_from_folders_of_the_real_shape() {
+fn the_recipe_of_the_paper_is_planned_over_folders_with_the_real_layout() {
     let folder = tempfile::tempdir().unwrap();
     let sample = |layout: &str, count: &str| {
         let dir = folder.path().join(layout);
@@ -274,7 +274,7 @@ fn the_paper_is_planned_from_folders_of_the_real_shape() {
     assert_eq!(planned["notes"], json!([]));
     assert_eq!(planned["shards"], 5200);
     let number = |key: &str| planned[key].as_f64().unwrap_or_else(|| panic!("no {key}"));
-    // 256 x 256 px of 36 floats a scene.
+    // A scene has 256 x 256 px of 36 floats.
     assert_eq!(number("partial_bytes"), 5200.0 * 65_536.0 * 144.0);
     assert!(number("disk_needed_bytes") > number("tuple_bytes"));
     assert!(number("partial_bytes_at_a_time") < number("partial_bytes") / 4.0);

@@ -1,4 +1,4 @@
-//! Two workers make different bytes of one shard: neither is trusted, both are named, and the farm goes on.
+//! Two workers make different bytes of one shard: the quarantine names both, and the farm continues.
 
 use crate::processes::{alone, coordinator, end, slow_place, start};
 use crate::support::nats::Nats;
@@ -17,7 +17,7 @@ use std::time::Duration;
 
 const SCENE: &str = "train-sample-000001";
 
-/// The queue of a planned run, with one scene in it twice and nothing else.
+/// Creates the queue of a planned run with two messages of one scene and no others.
 fn twice(place: &Place, server: &Nats) -> NatsCoordinator {
     let run = Run::open(&place.run, &Roots::default()).unwrap();
     let scene = run.lines.iter().position(|line| line.id.as_str() == SCENE);
@@ -43,7 +43,7 @@ fn reason(place: &Place) -> Option<String> {
     record.map(|record| record.reason)
 }
 
-/// The conflicting bytes that workers kept.
+/// Returns the conflicting files that workers kept, each with the worker's name.
 fn kept(place: &Place) -> Vec<(String, PathBuf)> {
     let folder = place.run.join("conflicts");
     let workers = std::fs::read_dir(folder).into_iter().flatten();
@@ -58,7 +58,7 @@ fn kept(place: &Place) -> Vec<(String, PathBuf)> {
 }
 
 #[test]
-fn a_worker_that_computes_other_bits_is_named() {
+fn workers_with_different_bits_are_both_named() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let queue = twice(&place, &server);
@@ -91,7 +91,7 @@ fn a_worker_that_computes_other_bits_is_named() {
     let own = place.run.join("conflicts").join(worker).join(path);
     let other = place.run.join(path);
     assert_ne!(std::fs::read(own).unwrap(), std::fs::read(other).unwrap());
-    // A third process tells which of them is right.
+    // An audit by a third process finds the wrong bytes.
     let folder = text(&place.run);
     let audited = run(&["audit", folder, "--scene", SCENE, "--json"]).json();
     let differ = audited["scenes"][0]["differences"].as_array().unwrap();
@@ -109,9 +109,9 @@ fn a_worker_that_computes_other_bits_is_named() {
     assert_same(&tuples(&place.run), alone(&place));
 }
 
-/// A scene that is done is made anew beside a coordinator that runs.
+/// `retry --anew` repeats a finished scene while the coordinator runs.
 #[test]
-fn a_done_scene_is_made_anew() {
+fn a_finished_scene_is_repeated() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let slow = ["-j", "1", "--fault", "slow:3"];

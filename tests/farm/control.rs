@@ -44,7 +44,7 @@ fn a_process_waits_while_its_run_is_paused() {
     tell(&place, "resume");
     wait_for("a result", || results(&place.run) > 0);
     tell(&place, "pause");
-    wait_for("the end of what is open", || {
+    wait_for("the end of open scenes", || {
         let now = status(&place, &[]);
         now["started"] == 0 && now["merged"] != 0
     });
@@ -76,7 +76,7 @@ fn a_paused_process_still_stops() {
 }
 
 #[test]
-fn a_cancelled_run_ends_and_can_be_taken_back() {
+fn a_cancelled_run_ends_and_can_be_resumed() {
     let place = slow_place();
     let child = work(&place);
     wait_for("a result", || results(&place.run) > 0);
@@ -92,7 +92,7 @@ fn a_cancelled_run_ends_and_can_be_taken_back() {
     run(&["pause", text(&place.run)]).expect(1).says(&["resume"]);
     assert_eq!(tell(&place, "resume")["before"], "cancelled");
     let ended = end(work(&place)).expect(0).json();
-    // The shards in flight were kept.
+    // The cancelled process stored the shards that it was tracing.
     let traced = ended["shards_traced"].as_u64().unwrap();
     let done = cancelled["shards_done"].as_u64().unwrap();
     assert_eq!(traced + done, cancelled["shards"].as_u64().unwrap());
@@ -100,7 +100,7 @@ fn a_cancelled_run_ends_and_can_be_taken_back() {
 }
 
 #[test]
-fn a_damaged_record_holds_the_run() {
+fn a_damaged_control_record_pauses_the_run() {
     let place = slow_place();
     std::fs::write(place.run.join("control.json"), b"{\"schema\"").unwrap();
     let held = status(&place, &[]);
@@ -112,7 +112,7 @@ fn a_damaged_record_holds_the_run() {
 }
 
 #[test]
-fn a_farm_pauses_goes_on_is_cancelled_and_taken_back() {
+fn a_farm_can_be_paused_resumed_and_cancelled() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let url = server.url();

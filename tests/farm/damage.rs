@@ -1,4 +1,4 @@
-//! Truncated, corrupted or foreign partials are noticed, and their shards traced again.
+//! Truncated, corrupted or foreign partials are detected, and their shards are traced again.
 
 use crate::support::outputs::{assert_same, assert_tidy, manifest, tuples};
 use crate::support::program::{run, text};
@@ -44,7 +44,7 @@ fn damaged_partials_are_traced_again() {
     for (shard, content) in &damaged {
         std::fs::write(&paths[*shard], content).unwrap();
     }
-    // As an interrupted write leaves it.
+    // The temporary file of an interrupted write.
     std::fs::write(paths[0].with_file_name(".tmp-torn"), &bytes[0][..99]).unwrap();
 
     let ended = run(&["work", text(&place.run), "-v", "--json"]).expect(0);
@@ -65,7 +65,7 @@ fn partials_of_replaced_inputs_are_traced_again() {
     place.plan();
     let (id, good) = partials(&place.run, 0);
     put_partials(&place.run, &id, &good);
-    // The scene's front photograph is replaced by its back photograph, in place.
+    // The back photograph replaces the front photograph, in place.
     let line = &manifest(&place.run)[0];
     let path = |side: &str| {
         let text = line[side]["color"].as_str().unwrap();
@@ -79,10 +79,10 @@ fn partials_of_replaced_inputs_are_traced_again() {
     assert!(tuples[&name] != whole[&name]);
 }
 
-/// One bit of every byte of the header, and of some of the pixels: an error or the same content, and neither
-/// a panic nor an allocation of what a flipped size claims.
+/// Flips one bit in each byte of the header and in some bytes of the pixels: decoding fails or returns the same
+/// content, without a panic and without an allocation of a wrong size.
 #[test]
-fn no_flipped_bit_gets_through() {
+fn a_flipped_bit_never_changes_the_content() {
     let place = place();
     place.plan();
     let (_, all) = partials(&place.run, 0);
@@ -106,7 +106,7 @@ fn no_flipped_bit_gets_through() {
 }
 
 #[test]
-fn tuples_that_lost_a_file_or_are_of_another_plan_are_made_again() {
+fn incomplete_tuples_and_tuples_of_another_plan_are_made_again() {
     let place = place();
     run(&place.arguments("run", &[])).expect(0);
     let before = tuples(&place.run);

@@ -1,4 +1,4 @@
-//! `explain` on a scene and on a shard in each of their states.
+//! Runs `explain` on a scene and on a shard in each state.
 
 use crate::support::program::{run, text};
 use crate::support::scenes::{SHARDS, partials, place, put_partials};
@@ -12,7 +12,7 @@ fn explain(run_folder: &Path, shard: &str) -> (Value, String) {
 }
 
 #[test]
-fn a_scene_on_its_way() {
+fn waiting_begun_and_done_scenes_are_explained() {
     let place = place();
     place.plan();
     let (object, words) = explain(&place.run, "train-sample-000001");
@@ -27,7 +27,7 @@ fn a_scene_on_its_way() {
     assert_eq!(object["state"], "begun");
     assert_eq!(object["there"], json!([[0, 5], [6, SHARDS]]));
     assert_eq!(object["missing"], json!([[5, 6]]));
-    // 96 x 64 px in tiles of 16: six a row.
+    // The film has 96 x 64 px, so that a row has six tiles of 16 px.
     let tile = json!({"x": 80, "y": 0, "width": 16, "height": 16});
     assert_eq!(object["shard"]["tile"], tile);
     assert_eq!(object["shard"]["samples"], json!([0, 256]));

@@ -1,4 +1,4 @@
-//! SIGKILL at random moments of planning and tracing, then the same command again.
+//! Kills a run at random moments of planning and tracing, and then repeats the command.
 
 use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
 use crate::support::program::{command, random, run, text, wait_until};
@@ -6,7 +6,7 @@ use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 
-/// Shards that are done, by the files alone.
+/// Counts the finished shards by their files.
 fn shards_done(run: &Path) -> usize {
     let is_record = |p: &&std::path::PathBuf| p.ends_with("tuple.json");
     let merged = files(&run.join("tuples")).iter().filter(is_record).count();
@@ -20,7 +20,7 @@ fn killed_three_times(threads: &str) {
     let mut kills = 0;
     let mut targets = [random(total / 2), random(total / 2) + total / 4];
     targets.sort_unstable();
-    // First while planning makes photographs, then twice while shards are traced.
+    // The first kill hits the planner while it makes photographs, and the other two hit the tracer.
     let photograph_files = random(12) + 1;
     eprintln!("-j {threads}: kills at {photograph_files} input files, then {targets:?} shards");
     let inputs = place.run.join("inputs");
@@ -39,30 +39,30 @@ fn killed_three_times(threads: &str) {
             _ => assert!(ended.status.success(), "{ended:?}"),
         }
     }
-    assert!(kills > 0, "every run was over before it was killed");
+    assert!(kills > 0, "every process ended before its kill");
     run(&arguments).expect(0);
     assert_same(&tuples(&place.run), reference());
     assert_tidy(&place.run);
 }
 
 #[test]
-fn killed_and_resumed_on_one_thread() {
+fn a_killed_run_resumes_on_one_thread() {
     killed_three_times("1");
 }
 
 #[test]
-fn killed_and_resumed_on_two_threads() {
+fn a_killed_run_resumes_on_two_threads() {
     killed_three_times("2");
 }
 
-/// Moments that a random kill rarely hits: the files that it leaves then are put there.
+/// Creates the files that a kill leaves at moments that random kills rarely hit.
 #[test]
-fn leftovers_of_a_killed_process_are_cleared_away() {
+fn leftovers_of_a_killed_process_are_removed() {
     let place = place();
     place.plan();
     run(&["work", text(&place.run)]).expect(0);
     let scene = files(&place.run.join("tuples"))[0].parent().unwrap().to_owned();
-    // Between tuple.json and the removal of the partials; inside writes.
+    // A kill between tuple.json and the removal of the partials leaves partials; a kill during a write leaves `.tmp-*`.
     let partials = place.run.join("partials").join(&scene);
     std::fs::create_dir_all(&partials).unwrap();
     std::fs::create_dir_all(place.run.join("quarantine")).unwrap();

@@ -1,4 +1,4 @@
-//! A worker whose scene another one has finished meanwhile.
+//! A worker drops its partials of a scene that another worker has finished.
 
 use crate::processes::run_alone;
 use crate::support::outputs::files;
@@ -15,7 +15,7 @@ use std::time::Duration;
 
 const LEASE: Duration = Duration::from_mins(1);
 
-/// The folder of partials is removed during a put, with more puts queued: none of them may leave a partial.
+/// The folder of partials disappears during a put, with more puts queued: no put may leave a partial.
 #[test]
 fn queued_partials_are_dropped_when_the_scene_is_done() {
     let place = place();

@@ -3,7 +3,7 @@
     clippy::unwrap_used,
     clippy::disallowed_methods,
     clippy::print_stderr,
-    reason = "tests may panic in any function, damage files, and say why they cannot run here"
+    reason = "tests may panic in any function, damage files, and print why they are skipped"
 )]
 
 mod audit;

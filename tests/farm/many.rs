@@ -1,4 +1,4 @@
-//! Many workers on a real NATS server, with every process killed in turn: the tuples are those of one process.
+//! Many workers on a real NATS server, with every process killed in turn, make the tuples of a single process.
 
 use crate::processes::{
     all_done, alone, assert_whole, coordinator, end, results, slow_place, start, worker,
@@ -14,7 +14,7 @@ use render::line::Roots;
 use std::time::Duration;
 
 #[test]
-fn three_workers_make_what_one_process_makes() {
+fn three_workers_make_the_tuples_of_one_process() {
     let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
@@ -29,7 +29,7 @@ fn three_workers_make_what_one_process_makes() {
         .sum();
     assert!(merged >= SCENES as u64);
     assert_whole(&place.run, reference());
-    // With nothing left to do, all end at once.
+    // Without remaining work, all processes end at once.
     end(coordinator(&place, &server)).expect(0);
     end(worker(&place, &server)).expect(0);
 }
@@ -55,7 +55,7 @@ fn killed_workers_and_coordinators_only_cost_time() {
 }
 
 #[test]
-fn a_server_may_die_and_forget_everything() {
+fn a_server_may_crash_and_lose_the_queue() {
     let Some(mut server) = Nats::start() else {
         return;
     };
@@ -74,7 +74,7 @@ fn a_server_may_die_and_forget_everything() {
 }
 
 #[test]
-fn a_worker_that_slept_beyond_its_lease_does_no_harm() {
+fn a_worker_suspended_beyond_its_lease_changes_no_tuple() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let coordinator = coordinator(&place, &server);
@@ -96,7 +96,7 @@ fn a_worker_that_slept_beyond_its_lease_does_no_harm() {
 fn a_stopped_worker_requeues_its_work() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
-    // A wait for the end of a lease would take an hour.
+    // Without a requeue, the heir would wait an hour for the end of the lease.
     let work = ["-j", "1", "--lease-s", "3600"];
     let coordinator = start("coordinate", &place, &server, &work[2..]);
     let leaving = start("work", &place, &server, &work);
@@ -109,7 +109,7 @@ fn a_stopped_worker_requeues_its_work() {
     assert_same(&tuples(&place.run), alone(&place));
 }
 
-/// The second worker starts when the first has the only scene, and gets its later half.
+/// The second worker starts while the first traces the only scene, and gets the later half.
 #[test]
 fn an_idle_worker_gets_a_part_of_a_scene() {
     let Some(server) = Nats::start() else { return };
@@ -133,7 +133,7 @@ fn an_idle_worker_gets_a_part_of_a_scene() {
     assert_whole(&place.run, alone(&place));
 }
 
-/// Tasks published twice, split differently, in any order, of done scenes; and foreign messages.
+/// Publishes tasks twice, split differently, in any order and of finished scenes, and also foreign messages.
 #[test]
 fn repeated_reordered_and_foreign_messages_change_nothing() {
     let Some(server) = Nats::start() else { return };
@@ -191,9 +191,9 @@ fn wrong_options_of_a_farm_are_reported() {
     .says(&["/nonexistent"]);
 }
 
-/// A dry run reads only the store: it neither waits for a queue that is away nor makes anything.
+/// A dry run reads only the store: it does not wait for an unreachable queue, and it writes nothing.
 #[test]
-fn a_dry_run_needs_no_queue_and_counts_what_is_in_the_store() {
+fn a_dry_run_needs_no_queue_and_counts_results_in_the_store() {
     let place = place();
     place.plan();
     let store = place.folder.path().join("store");

@@ -1,11 +1,11 @@
-//! `merge`: whole scenes only, and the same tuples as `work`.
+//! `merge` takes only complete scenes, and makes the same tuples as `work`.
 
 use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{SCENES, SHARDS, partials, place, put_partials, reference};
 
 #[test]
-fn gaps_are_refused_by_name() {
+fn scenes_with_missing_shards_are_refused() {
     let place = place();
     place.plan();
     let folder = text(&place.run);
@@ -30,7 +30,7 @@ fn gaps_are_refused_by_name() {
 }
 
 #[test]
-fn whole_scenes_become_the_tuples_of_work() {
+fn merge_makes_the_tuples_of_work() {
     let place = place();
     place.plan();
     let folder = text(&place.run);

@@ -100,7 +100,7 @@ fn a_spec_of_another_machine_is_refused() {
 }
 
 #[test]
-fn scene_lines_have_paths_of_their_own_folder_and_roots() {
+fn paths_in_scene_lines_start_at_their_folder_or_a_root() {
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
     let manifest = folder.path().join("scenes.jsonl");
@@ -130,7 +130,7 @@ fn scene_lines_have_paths_of_their_own_folder_and_roots() {
             assert!(b[path] == *content, "{}", path.display());
         }
     }
-    // The root is kept in the spec, and may be given again, as another place.
+    // The spec stores the root, and `--root` may replace it by another folder.
     run(&["work", text(&out)]).expect(0);
     let moved = folder.path().join("moved");
     std::fs::create_dir(&moved).unwrap();
@@ -147,7 +147,7 @@ fn scene_lines_have_paths_of_their_own_folder_and_roots() {
 }
 
 #[test]
-fn wrong_inputs_are_named() {
+fn errors_name_the_wrong_input() {
     let place = place();
     let plan = || run(&place.arguments("plan", &[]));
     std::fs::write(&place.recipe, RECIPE.replace("spp", "ssp")).unwrap();
@@ -177,7 +177,7 @@ fn wrong_inputs_are_named() {
 }
 
 #[test]
-fn wrong_command_lines_end_with_2() {
+fn wrong_command_lines_exit_with_2() {
     for arguments in [
         &[][..],
         &["paint"],

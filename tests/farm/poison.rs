@@ -1,5 +1,5 @@
-//! Scenes that kill or hang their worker, or cannot be read; and faulty workers. The other scenes' tuples are those
-//! of a run without faults.
+//! Tests scenes that kill or hang their worker or cannot be read, and faulty workers. The tuples of the other scenes
+//! equal those of a run without faults.
 
 use crate::processes::{all_done, assert_finished, assert_whole, coordinator, end, start, worker};
 use crate::support::nats::Nats;
@@ -24,7 +24,7 @@ fn attempts(run: &Path, scene: &str) -> Vec<Value> {
     records.map(|path| read_json(folder.join(path))).collect()
 }
 
-/// All of the reference but one scene.
+/// Returns the reference without one scene.
 fn without(scene: &str) -> Tuples {
     let mut all = reference().clone();
     all.retain(|path, _| !path.to_string_lossy().contains(scene));
@@ -34,11 +34,11 @@ fn without(scene: &str) -> Tuples {
 
 #[track_caller]
 fn assert_aborted(ended: &Ended) {
-    assert_eq!(ended.code, None, "it did not abort: {ended:#?}");
+    assert_eq!(ended.code, None, "the process did not abort: {ended:#?}");
 }
 
 #[test]
-fn a_scene_that_kills_its_process_is_set_aside_after_four() {
+fn a_scene_that_kills_four_processes_is_quarantined() {
     let place = place();
     place.plan();
     let poison = &ids(&place.run)[1];
@@ -46,7 +46,7 @@ fn a_scene_that_kills_its_process_is_set_aside_after_four() {
     let work = ["work", text(&place.run), "--fault", &fault];
     assert_aborted(&run(&work));
     assert_eq!(attempts(&place.run, poison).len(), 1);
-    // Three children die; this process goes on.
+    // Three child processes die, and their parent continues.
     run(&work).expect(3).says(&[
         "a child process traces it",
         "SIGABRT",
@@ -62,16 +62,16 @@ fn a_scene_that_kills_its_process_is_set_aside_after_four() {
     for word in ["4 processes", "SIGABRT", "aborts this process because of --fault"] {
         assert!(reason.contains(word), "{reason}");
     }
-    // Repaired, it is done.
+    // After a repair, the run renders the scene.
     std::fs::remove_dir_all(place.run.join("quarantine")).unwrap();
     std::fs::remove_dir_all(place.run.join("attempts")).unwrap();
     run(&["work", text(&place.run)]).expect(0);
     assert_same(&tuples(&place.run), reference());
 }
 
-/// Scenes of a process that was killed from outside are cleared soon.
+/// A scene that did not cause the crash of its process is rendered in a child process, without quarantine.
 #[test]
-fn an_innocent_suspect_is_done_in_a_child_process() {
+fn a_good_scene_of_a_crashed_process_is_rendered_in_a_child() {
     let place = place();
     place.plan();
     let innocent = &ids(&place.run)[2];
@@ -86,9 +86,9 @@ fn an_innocent_suspect_is_done_in_a_child_process() {
     assert_eq!(files(&place.run.join("attempts")).len(), 0);
 }
 
-/// The same on a farm: workers that die are started again, as by systemd.
+/// A scene that aborts its process on a farm; the test restarts dead workers, as systemd does.
 #[test]
-fn poison_costs_a_farm_four_processes_at_most() {
+fn a_scene_aborts_at_most_four_processes_of_a_farm() {
     let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
@@ -119,9 +119,9 @@ fn poison_costs_a_farm_four_processes_at_most() {
     assert_same(&tuples(&place.run), &without(&poison));
 }
 
-/// Its lease keeper lives, but its tracer hangs: its lease ends, and another worker does the task.
+/// The tracer of a worker hangs while its lease keeper runs: the worker ends, and another one takes the task.
 #[test]
-fn a_worker_that_hangs_leaves_its_work_to_others() {
+fn another_worker_takes_the_task_of_a_hanging_worker() {
     let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
@@ -134,9 +134,9 @@ fn a_worker_that_hangs_leaves_its_work_to_others() {
     assert_whole(&place.run, reference());
 }
 
-/// It hangs in every process, and in a child from the second attempt on.
+/// The scene hangs in every process; from the second attempt on, a child process traces it.
 #[test]
-fn a_scene_that_always_hangs_is_set_aside() {
+fn a_scene_that_always_hangs_is_quarantined() {
     let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
@@ -167,7 +167,7 @@ fn a_slow_worker_changes_nothing() {
     assert_whole(&place.run, reference());
 }
 
-/// Five scenes whose photographs lie in `folder`, planned.
+/// Plans five scenes with photographs in `folder`.
 fn rooted(folder: &Path) -> Place {
     photographs(folder);
     let mut place = place();
@@ -178,7 +178,7 @@ fn rooted(folder: &Path) -> Place {
     place
 }
 
-/// Without its disk of photographs a worker reports that and leaves; no scene goes into quarantine.
+/// A worker that cannot read any photograph reports the error and leaves; no scene goes into quarantine.
 #[test]
 fn a_machine_without_the_photographs_leaves_the_farm() {
     let Some(server) = Nats::start() else { return };
@@ -197,7 +197,7 @@ fn a_machine_without_the_photographs_leaves_the_farm() {
     assert_finished(&place.run);
 }
 
-/// One photograph is missing: after four attempts its scenes are in quarantine, and the rest is done.
+/// One photograph is missing: after four attempts its scene is in quarantine, and the others are done.
 #[test]
 fn a_file_that_no_worker_can_read_is_named() {
     let Some(server) = Nats::start() else { return };
@@ -209,7 +209,7 @@ fn a_file_that_no_worker_can_read_is_named() {
     write_lines(&manifest, &[scene("one"), missing, scene("two")]);
     let mut place = place();
     place.recipe = manifest;
-    // It is removed after planning.
+    // The test removes the photograph after planning.
     let nowhere = folder.path().join("nowhere.png");
     std::fs::copy(folder.path().join("b.png"), &nowhere).unwrap();
     place.plan();
@@ -224,9 +224,9 @@ fn a_file_that_no_worker_can_read_is_named() {
     assert_eq!(tuples(&place.run).len(), 2 * 6);
 }
 
-/// An image whose header claims more pixels than fit into memory, limited for the process: a real poison.
+/// An image that exceeds the memory limit of the process aborts it without an injected fault.
 #[test]
-fn a_scene_too_large_for_the_memory_is_set_aside() {
+fn a_scene_too_large_for_the_memory_is_quarantined() {
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
     let mut large = scene("large");

@@ -11,7 +11,7 @@ use std::process::{Child, Output};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// A place with scenes that take a few tenths of a second each, so that tests have time to kill a process.
+/// Plans scenes that take a few tenths of a second each, so that tests have time to kill a process.
 pub(crate) fn slow_place() -> Place {
     let place = place();
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
@@ -29,7 +29,7 @@ pub(crate) fn run_alone(place: &Place) -> PathBuf {
     folder
 }
 
-/// The tuples that one process makes from the recipe of a place. Runs each recipe once.
+/// Returns the tuples that one process makes from the recipe of a place. Runs each recipe once.
 pub(crate) fn alone(place: &Place) -> &'static Tuples {
     static MADE: Mutex<BTreeMap<String, &'static Tuples>> = Mutex::new(BTreeMap::new());
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
@@ -92,7 +92,7 @@ pub(crate) fn end(mut child: Child) -> Ended {
     ended
 }
 
-/// Number of partials and of files of tuples.
+/// Counts the partials and the files of tuples.
 pub(crate) fn results(run: &Path) -> usize {
     files(&run.join("partials")).len() + files(&run.join("tuples")).len()
 }

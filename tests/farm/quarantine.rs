@@ -1,4 +1,4 @@
-//! Scenes that cannot be done go into quarantine with a reason that names file and remedy; the others go on.
+//! Bad scenes go into quarantine with a reason that names file and remedy; the other scenes are rendered.
 
 use crate::support::outputs::{files, quarantine_reason};
 use crate::support::program::{run, text};
@@ -6,7 +6,7 @@ use crate::support::scenes::{npy, photographs, scene, write_lines};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Writes files before planning; damages them after it (`is_done`), for planning would refuse them.
+/// Writes good files before planning, and damages them afterwards (`is_done`).
 fn damage(folder: &Path, is_done: bool) {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).unwrap();
     let png = std::fs::read(folder.join("a.png")).unwrap();
@@ -23,7 +23,7 @@ fn damage(folder: &Path, is_done: bool) {
     write("small_mask.npy", &npy("(24, 32)", &[1.0; 24 * 32]));
 }
 
-/// Scenes, and words that their reasons must contain.
+/// Returns scenes, each with words that its reason must contain.
 fn bad_scenes(folder: &Path) -> Vec<(Value, Vec<&'static str>)> {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).unwrap();
     let depth = |value: f32| npy("(48, 64)", &[value; 48 * 64]);
@@ -79,7 +79,7 @@ fn bad_scenes(folder: &Path) -> Vec<(Value, Vec<&'static str>)> {
 }
 
 #[test]
-fn bad_scenes_are_set_aside_and_good_ones_done() {
+fn bad_scenes_are_quarantined_and_good_ones_rendered() {
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
     let bad = bad_scenes(folder.path());
@@ -105,7 +105,7 @@ fn bad_scenes_are_set_aside_and_good_ones_done() {
         assert!(!out.join("tuples").join(id).exists());
     }
 
-    // A second run gives the same answer without an attempt, although a file has come back.
+    // A second run reports the same scenes without an attempt, although a missing file exists again.
     std::fs::copy(folder.path().join("b.png"), folder.path().join("nowhere.png")).unwrap();
     let status = run(&["status", text(&out), "--json"]).expect(3).json();
     assert_eq!(status["merged"], 1);
@@ -115,7 +115,7 @@ fn bad_scenes_are_set_aside_and_good_ones_done() {
     assert_eq!(again["merged"], 0);
     assert_eq!(again["shards_traced"], 0);
 
-    // Repaired, and the record deleted: done.
+    // Without its record, the repaired scene is rendered.
     std::fs::remove_file(out.join("quarantine/missing.json")).unwrap();
     let again = run(&["work", text(&out), "--json"]).expect(3).json();
     assert_eq!(again["merged"], 1);
@@ -123,7 +123,7 @@ fn bad_scenes_are_set_aside_and_good_ones_done() {
 }
 
 #[test]
-fn a_damaged_record_still_holds_its_scene_back() {
+fn a_damaged_record_keeps_its_scene_in_quarantine() {
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
     let manifest = folder.path().join("scenes.jsonl");

@@ -1,4 +1,4 @@
-//! The promises of a queue, kept by both implementations.
+//! Tests the guarantees of a queue with both implementations.
 
 use crate::support::nats::Nats;
 use glasshouse::farm::queue::{
@@ -23,7 +23,7 @@ fn take(queue: &dyn Queue) -> Lease {
             return delivery;
         }
     }
-    panic!("nothing comes")
+    panic!("the queue delivers no message")
 }
 
 fn nothing(queue: &dyn Queue) -> bool {
@@ -45,7 +45,7 @@ fn both(test: impl Fn(&dyn QueueKeeper, &dyn Queue, &dyn Queue)) {
 }
 
 #[test]
-fn a_queue_is_a_set() {
+fn a_queue_holds_each_message_once() {
     both(|keeper, a, b| {
         let spans = [message(0, 0, 4, 0), message(1, 0, 4, 0)];
         keeper.publish(&spans[..1]).unwrap();
@@ -66,7 +66,7 @@ fn a_queue_is_a_set() {
         a.finish(first.id);
         b.finish(second.id);
         assert!(keeper.state().unwrap().is_quiet());
-        // Finished ones are not.
+        // Finished messages are not.
         assert!(a.publish(&spans[..1]).unwrap());
         assert!(!a.publish(&spans).unwrap());
         assert_eq!([take(b).message, take(a).message], spans);
@@ -74,7 +74,7 @@ fn a_queue_is_a_set() {
 }
 
 #[test]
-fn a_lease_ends_unless_it_is_renewed() {
+fn a_lease_expires_unless_it_is_renewed() {
     both(|keeper, a, b| {
         keeper.publish(&[message(3, 0, 9, 0)]).unwrap();
         let held = take(a);
@@ -83,7 +83,7 @@ fn a_lease_ends_unless_it_is_renewed() {
             a.renew(held.id);
             assert!(matches!(b.take(Duration::from_millis(50)), Taken::Nothing));
         }
-        // The worker is lost.
+        // The first worker no longer renews its lease.
         let start = Instant::now();
         let again = take(b);
         assert!(again.redelivered);
@@ -98,7 +98,7 @@ fn a_lease_ends_unless_it_is_renewed() {
 }
 
 #[test]
-fn a_donation_is_no_loss_of_a_holder() {
+fn a_donated_message_is_not_redelivered() {
     both(|keeper, a, b| {
         keeper.publish(&[message(2, 0, 8, 0)]).unwrap();
         let held = take(a);
@@ -106,7 +106,7 @@ fn a_donation_is_no_loss_of_a_holder() {
         let tail = take(b);
         assert_eq!(tail.message, message(2, 4, 8, 1));
         assert!(!tail.redelivered);
-        // The rest, as a stopping worker requeues it.
+        // A stopping worker requeues the rest.
         a.publish(&[message(2, 0, 4, 1)]).unwrap();
         a.finish(held.id);
         let rest = take(b);
@@ -121,7 +121,7 @@ fn a_donation_is_no_loss_of_a_holder() {
 #[test]
 fn a_busy_worker_is_requested_to_donate() {
     both(|_, idle, busy| {
-        assert_eq!(idle.request(None).tasks, 0, "nobody has anything");
+        assert_eq!(idle.request(None).tasks, 0, "no worker has a task");
         busy.accept_requests(true);
         let answer = Answer { tasks: 3, load_s: Some(0.5) };
         let answered = std::thread::scope(|scope| {
@@ -147,12 +147,12 @@ fn a_busy_worker_is_requested_to_donate() {
         assert!(answered);
         busy.accept_requests(false);
         std::thread::sleep(Duration::from_millis(300));
-        assert_eq!(idle.request(None).tasks, 0, "it is not asked any more");
+        assert_eq!(idle.request(None).tasks, 0, "the worker accepts no requests");
     });
 }
 
 #[test]
-fn purged_messages_are_forgotten() {
+fn purge_removes_all_messages() {
     both(|keeper, a, _| {
         let spans: Vec<Message> = (0..SCENES as u32).map(|s| message(s, 0, 1, 0)).collect();
         keeper.publish(&spans).unwrap();

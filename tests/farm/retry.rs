@@ -1,4 +1,4 @@
-//! `retry` takes scenes out of quarantine, in a run that goes on and in one that is over.
+//! `retry` takes scenes out of quarantine, in a running and in a finished run.
 
 use crate::processes::{all_done, alone, coordinator, end, results, slow_place, worker};
 use crate::support::nats::Nats;
@@ -9,7 +9,7 @@ use crate::support::tools::wait_for;
 use serde_json::json;
 
 #[test]
-fn a_repaired_scene_is_made() {
+fn a_repaired_scene_is_rendered() {
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
     let mut bad = scene("bad");
@@ -18,7 +18,7 @@ fn a_repaired_scene_is_made() {
     write_lines(&manifest, &[scene("good"), bad]);
     let out = folder.path().join("run");
     let out = text(&out);
-    // It is removed after planning.
+    // The test removes the photograph after planning.
     let late = folder.path().join("late.png");
     std::fs::copy(folder.path().join("b.png"), &late).unwrap();
     run(&["plan", text(&manifest), "--out", out]).expect(0);
@@ -46,7 +46,7 @@ fn a_repaired_scene_is_made() {
 }
 
 #[test]
-fn a_coordinator_notices_and_a_finished_farm_starts_again() {
+fn a_coordinator_notices_a_retry_and_a_finished_farm_resumes() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let quarantine = |scene: &str| {
@@ -72,7 +72,7 @@ fn a_coordinator_notices_and_a_finished_farm_starts_again() {
     assert_eq!((&ended["done"], &ended["quarantined"]), (&(SCENES - 1).into(), &1.into()));
     end(working).expect(0);
 
-    // The run is over, and is started again.
+    // The run is finished, and starts again.
     let done = retry("test-sample-000000");
     assert_eq!(done["was_finished"], true);
     all_done(coordinator(&place, &server), [worker(&place, &server)]);

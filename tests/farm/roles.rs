@@ -1,5 +1,5 @@
-//! The shipped server configuration with the shipped keys: the program works over TLS with each role's key, and no role
-//! can do more than it must.
+//! With the shipped server configuration and keys of the shipped script, the program works over TLS with each role's
+//! key, and each role has only the permissions that it needs.
 
 use crate::processes::all_done;
 use crate::support::nats::SecureNats;
@@ -11,7 +11,7 @@ use std::process::Child;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// The program with a role's key.
+/// Starts the program with a role's key.
 fn start_as(server: &SecureNats, role: &str, verb: &str, place: &Place, more: &[&str]) -> Child {
     let (key, ca) = (server.key(role, "nkey"), server.key(role, "ca.pem"));
     let url = server.url();
@@ -23,7 +23,7 @@ fn start_as(server: &SecureNats, role: &str, verb: &str, place: &Place, more: &[
 }
 
 #[test]
-fn a_farm_over_tls_with_the_shipped_keys() {
+fn a_farm_works_over_tls_with_the_shipped_configuration() {
     let Some(server) = SecureNats::start() else {
         return;
     };
@@ -60,9 +60,9 @@ fn a_wrong_key_or_authority_is_reported() {
         assert!(!line.contains(seed.trim()), "{line}");
     };
     let (ca, key) = (server.key("worker", "ca.pem"), server.key("observer", "nkey"));
-    // Another authority than the server's.
+    // The program does not have the server's authority.
     says(&["--queue-nkey", text(&key)], &["waiting for the queue", "certificate"]);
-    // No key at all.
+    // The program has no key.
     says(&["--queue-ca", text(&ca)], &["waiting for the queue", "authorization"]);
 }
 
@@ -74,7 +74,7 @@ fn refused(server: &SecureNats, role: &str, subjects: &[&str]) -> Vec<String> {
     let ca = server.key(role, "ca.pem");
     let runtime = runtime();
     let _ = rustls::crypto::ring::default_provider().install_default();
-    let marker = "glasshouse.marker.nobody.may";
+    let marker = "glasshouse.marker.not.allowed";
     runtime.block_on(async {
         let client = async_nats::ConnectOptions::new()
             .nkey(seed.trim().to_owned())

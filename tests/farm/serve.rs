@@ -1,4 +1,4 @@
-//! The coordinator's web server as a client sees it: bytes over a socket.
+//! Tests the coordinator's web server with HTTP requests over a socket.
 
 use crate::serve_run::{HOSTILE, TOKEN, get, id, png, request, run, send, start, worker};
 use crate::support::markup::strictly;
@@ -51,7 +51,7 @@ fn every_route_answers() {
     assert!(policy.starts_with("default-src 'none'"));
     assert_eq!(page.text().matches("<script").count(), 1);
     assert!(page.text().contains(&format!("<script nonce=\"{nonce}\">")));
-    assert!(!get(at, "/").text().contains(nonce), "a nonce is for once");
+    assert!(!get(at, "/").text().contains(nonce), "a nonce is used once");
 
     let view = get(at, "/api/view").expect(200);
     assert_eq!(view.headers["content-type"], "application/json");
@@ -64,7 +64,7 @@ fn every_route_answers() {
     assert!(request(at, "HEAD", "/", "").expect(200).body.is_empty());
     let live = get(at, "/live").expect(200);
     let (_, part) = live.text().split_once("</title>").unwrap();
-    assert!(page.text().contains(part), "one thing draws");
+    assert!(page.text().contains(part), "/live and / have the same content");
     let mut answers = vec![page, live, view, get(at, "/metrics").expect(200)];
     answers.push(get(at, "/nothing").expect(404));
     answers.push(get(at, "/thumbnails/train-1/input.png").expect(200));
@@ -198,7 +198,7 @@ fn requests_with_a_foreign_host_name_are_refused() {
         format!("[::1]:{port}"),
         "LOCALHOST".to_owned(),
         "127.0.0.1".to_owned(),
-        // The other end of a tunnel.
+        // A tunnel may have another port.
         "localhost:9999".to_owned(),
     ] {
         ask("/", &format!("Host: {host}\r\n")).expect(200);
@@ -227,7 +227,7 @@ fn requests_with_a_foreign_host_name_are_refused() {
     ask("/", "Host: localhost\r\nHost: evil.example\r\n").expect(403);
     ask("http://evil.example/", "Host: localhost\r\n").expect(403);
 
-    // A server that listens for other machines has names there that it does not know itself.
+    // A server that listens for other machines accepts all host names, since it cannot know its own.
     let source: Arc<dyn FarmSource> = run;
     let open = serve(SocketAddr::from(([0, 0, 0, 0], 0)), source, None).unwrap();
     let at = SocketAddr::from(([127, 0, 0, 1], open.address().port()));
@@ -302,7 +302,7 @@ fn a_large_farm_has_a_small_page_with_the_worst_first() {
 }
 
 #[test]
-fn states_name_the_problem() {
+fn the_page_reports_an_absent_queue_and_absent_workers() {
     let run = run();
     let server = start(&run, Some(TOKEN));
     let page = || get(server.address(), "/").expect(200).text().to_owned();
@@ -317,7 +317,7 @@ fn states_name_the_problem() {
     assert!(page().contains("No worker."));
     run.view.lock().unwrap().state = RunState::Paused;
     assert!(page().contains("/api/resume") && !page().contains("/api/pause"));
-    assert!(!page().contains("No worker."), "none is needed");
+    assert!(!page().contains("No worker."), "a paused run needs no worker");
     run.view.lock().unwrap().state = RunState::Finished;
     assert!(!page().contains("/api/resume") && !page().contains("/api/cancel"));
 }

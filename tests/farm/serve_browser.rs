@@ -1,4 +1,4 @@
-//! The status page in a browser, Debian's `chromium`, if it is installed.
+//! Loads the status page in Debian's `chromium`, if it is installed.
 
 use crate::serve_run::{HOSTILE, run, start};
 use crate::support::browser::browse;
@@ -17,7 +17,7 @@ fn the_script_puts_new_numbers_into_the_page() {
         view.workers[0].name = HOSTILE.to_owned();
         view.quarantine[0].reason = HOSTILE.to_owned();
     }
-    // Each view of the run has one scene more than the one before: the first page shows 1,235.
+    // Each view of the run has one more finished scene than the last, and the first page shows 1,235.
     run.goes_on.store(true, Ordering::Relaxed);
     let server = start(&run, None);
     let url = format!("http://{}/", server.address());
@@ -34,6 +34,6 @@ fn the_script_puts_new_numbers_into_the_page() {
     assert!(!dom.contains("<img src=\"x\""));
     assert!(between(&dom, "id=\"note\"", ">").contains("hidden"), "{dom}");
     assert_eq!(dom.matches("data-key=\"train-1\"").count(), 1);
-    // Four pictures were fetched once, though the page was refreshed.
+    // The browser fetched the four pictures once, although it refreshed the page.
     assert_eq!(run.pictures_asked(), 4);
 }

@@ -1,4 +1,4 @@
-//! The coordinator's web server with slow clients, with a store that hangs, and at its end.
+//! Tests the coordinator's web server with slow clients, with a store that hangs, and when it stops.
 
 use crate::serve_run::{Run, get, run, start};
 use crate::support::tools::wait_for;
@@ -19,11 +19,11 @@ fn slow_clients_block_no_other() {
         stream.write_all(text.as_bytes()).unwrap();
         stream
     };
-    // Endless heads, missing bodies, unread answers.
+    // The test sends incomplete requests, and requests without reading the responses.
     let mut slow: Vec<TcpStream> = (0..40).map(|_| half("GET / HTTP/1.1\r\nHost: loc")).collect();
     let unread = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(50);
     slow.extend((0..10).map(|_| half(&unread)));
-    // A store that hangs, and requests for more pictures than may wait at a time.
+    // The store hangs, and the test requests more pictures than may wait at a time.
     *run.store_hangs.0.lock().unwrap() = true;
     let picture = "GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n";
     slow.extend((0..20).map(|_| half(picture)));
@@ -33,7 +33,7 @@ fn slow_clients_block_no_other() {
         get(at, path).expect(200);
     }
     assert!(begun.elapsed() < Duration::from_secs(8), "{:?}", begun.elapsed());
-    // A missing head is not waited for.
+    // The server closes connections with incomplete requests.
     let limit = Some(Duration::from_secs(30));
     slow[0].set_read_timeout(limit).unwrap();
     let _ = slow[0].read_to_end(&mut Vec::new());
@@ -57,7 +57,7 @@ fn a_source_that_fails_does_not_end_the_server() {
 }
 
 #[test]
-fn dropping_it_closes_the_port_and_the_connections() {
+fn dropping_the_server_closes_the_port_and_the_connections() {
     let run = run();
     let server = start(&run, None);
     let at = server.address();
@@ -67,7 +67,7 @@ fn dropping_it_closes_the_port_and_the_connections() {
     let mut first = [0; 12];
     open.read_exact(&mut first).unwrap();
     assert_eq!(&first, b"HTTP/1.1 200");
-    // Even while a call of the source hangs.
+    // The server also stops while a call of the source hangs.
     *run.store_hangs.0.lock().unwrap() = true;
     let mut hung = TcpStream::connect(at).unwrap();
     hung.write_all(b"GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n")
@@ -78,7 +78,7 @@ fn dropping_it_closes_the_port_and_the_connections() {
     assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
     assert!(TcpStream::connect(at).is_err());
     open.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
-    // The rest of the answer, then the end of the connection.
+    // The connection ends after the rest of the response.
     let ended = open.read_to_end(&mut Vec::new());
     assert!(ended.is_ok() || ended.unwrap_err().kind() == std::io::ErrorKind::ConnectionReset);
     let again: Arc<dyn FarmSource> = Arc::<Run>::clone(&run);

@@ -1,4 +1,4 @@
-//! The metrics page of the coordinator's web server, by the rules of its text format.
+//! Checks the metrics page of the coordinator's web server against the rules of its text format.
 
 use crate::serve_run::{HOSTILE, get, run, start, worker};
 use glasshouse::serve::WorkerState;
@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// One sample of the text format: name, labels, value.
 type Sample = (String, BTreeMap<String, String>, f64);
 
-/// Reads a line by the format's own rules.
+/// Parses a line by the rules of the format.
 fn sample(line: &str) -> Sample {
     let name: String =
         line.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '_').collect();
@@ -99,6 +99,6 @@ fn metrics_follow_the_text_format() {
     assert!(age("two").is_nan());
     assert_eq!(age("three"), 1.5);
     assert_eq!(value("glasshouse_worker_info", "version", "\\"), 1.0);
-    // Unknown values are left out.
+    // The page leaves out unknown values.
     assert!(!answer.text().contains("eta_seconds"));
 }

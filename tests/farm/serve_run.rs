@@ -1,4 +1,4 @@
-//! A run in memory for the web server to show, and a client that sends bytes over a socket.
+//! A run in memory for the web server, and a client that sends HTTP requests over a socket.
 
 use glasshouse::run::RunState;
 use glasshouse::serve::{
@@ -15,20 +15,20 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
 pub(crate) const TOKEN: &str = "a token of the test";
-/// The worst content of a name or a reason.
+/// Hostile content of a name or a reason.
 pub(crate) const HOSTILE: &str =
     "<img src=x onerror=\"document.title='pwned'\">\\\"'}\n& {x=\"1\"} 1";
 
 /// A run in memory, which counts requests.
 pub(crate) struct Run {
     pub(crate) view: Mutex<FarmView>,
-    /// The next view has one more done scene.
+    /// True if each view has one more finished scene than the last.
     pub(crate) goes_on: AtomicBool,
     pub(crate) acted: Mutex<Vec<Action>>,
     pub(crate) refuses: AtomicBool,
     pub(crate) panics: AtomicBool,
     pub(crate) pictures_asked: AtomicUsize,
-    /// If true, pictures wait.
+    /// True while requests for pictures wait.
     pub(crate) store_hangs: (Mutex<bool>, Condvar),
 }
 
@@ -40,7 +40,7 @@ impl Run {
 
 impl FarmSource for Run {
     fn view(&self) -> FarmView {
-        assert!(!self.panics.load(Ordering::Relaxed), "asked to");
+        assert!(!self.panics.load(Ordering::Relaxed), "the test requested a panic");
         let mut view = self.view.lock().unwrap();
         if self.goes_on.load(Ordering::Relaxed) {
             view.scenes.done += 1;
@@ -66,7 +66,7 @@ impl FarmSource for Run {
     }
 }
 
-/// A picture that differs from layer to layer.
+/// Makes a picture that differs from layer to layer.
 pub(crate) fn png(layer: &str) -> Vec<u8> {
     let value = layer.len() as u8;
     let picture = image::RgbImage::from_pixel(4, 3, image::Rgb([value, 128, 255 - value]));
@@ -92,7 +92,7 @@ pub(crate) fn worker(name: &str, state: WorkerState, last_progress_s: f64) -> Wo
     }
 }
 
-/// A run with every kind of content.
+/// Makes a run with every kind of content.
 pub(crate) fn run() -> Arc<Run> {
     let recent = RecentTuple {
         scene: id("train-1"),
@@ -147,7 +147,7 @@ pub(crate) fn start(run: &Arc<Run>, token: Option<&str>) -> Server {
     serve(any_port, source, token.map(str::to_owned)).unwrap()
 }
 
-/// An answer, taken apart.
+/// A parsed response.
 #[derive(Debug)]
 pub(crate) struct Answer {
     pub(crate) status: u16,
@@ -167,14 +167,14 @@ impl Answer {
     }
 }
 
-/// Sends bytes, and reads until the server closes.
+/// Sends a request, and reads until the server closes the connection.
 pub(crate) fn send(address: SocketAddr, request: &str) -> Answer {
     let mut stream = TcpStream::connect(address).unwrap();
     let limit = Some(Duration::from_secs(30));
     stream.set_read_timeout(limit).unwrap();
     stream.write_all(request.as_bytes()).unwrap();
     let mut bytes = Vec::new();
-    // A server that refuses a request before it has read all of it resets the connection after its answer.
+    // If a server refuses a request before it has read all of it, it resets the connection after its response.
     let _ = stream.read_to_end(&mut bytes);
     let end = bytes.windows(4).position(|w| w == b"\r\n\r\n").unwrap();
     let head = std::str::from_utf8(&bytes[..end]).unwrap();

@@ -1,11 +1,11 @@
-//! Many workers and all kinds of faults at once, drawn from a seed: the tuples are those of one process.
+//! Runs many workers under faults of all kinds, drawn from a seed: the tuples equal those of one process.
 //!
-//! Workers are killed, put to sleep beyond their leases and woken, one is four times slower, one hangs with a live
+//! Workers are killed, or suspended beyond their leases and resumed; one is four times slower, one hangs with a live
 //! lease keeper, one computes wrong bits, and one scene aborts its process. The coordinator and the queue's server are
-//! killed, the server forgets everything, tasks are published twice and in any order, and (in a bucket) requests fail.
-//! A process that ends is started again, as by a service manager.
+//! killed, the server loses its data, tasks are published repeatedly and in any order, and requests to a bucket fail.
+//! The test restarts each process that ends, as a service manager does.
 //!
-//! The short sieges have each event at least once; the long ones run by name, and in `.ci/run`.
+//! The short sieges have each event at least once; the long ones run by name and in `.ci/run`.
 
 use crate::processes::alone;
 use crate::store_farm::fetched;
@@ -24,12 +24,12 @@ use std::path::{Path, PathBuf};
 use std::process::Child;
 use std::time::{Duration, Instant};
 
-/// It kills or hangs the process that traces it.
+/// The scene that aborts the process that traces it.
 const POISON: &str = "test-sample-000000";
-/// Shards of one range of samples, and its length.
+/// Number of shards in one range of samples.
 const TILES: u32 = 24;
 const RANGE_SPP: u32 = 256;
-/// The last three workers.
+/// Faults of the last three workers.
 const FAULTS: [&[&str]; 3] = [
     &["slow:4"],
     &["hang:train-sample-000001", "hang:train-sample-000002"],
@@ -57,11 +57,11 @@ enum Event {
 #[derive(Clone, Copy)]
 struct Size {
     workers: usize,
-    /// The last scene is the poison.
+    /// Number of scenes; the last one is the poison.
     scenes: usize,
-    /// Ranges of samples of a scene.
+    /// Number of sample ranges of a scene.
     ranges: u32,
-    /// How often each event happens.
+    /// Number of times that each event happens.
     events: [(Event, usize); 7],
 }
 
@@ -96,7 +96,7 @@ const SHORT: Size = Size {
 };
 
 impl Size {
-    /// Shards of a scene.
+    /// Returns the number of shards of a scene.
     fn shards(&self) -> usize {
         (TILES * self.ranges) as usize
     }
@@ -113,7 +113,7 @@ struct Siege {
     lives: Vec<usize>,
     asleep: Vec<(usize, Instant)>,
     ends: Vec<String>,
-    /// Tasks of the poison that the siege published itself.
+    /// Number of the poison's tasks that the siege has published.
     poison_spans: usize,
 }
 
@@ -193,14 +193,14 @@ impl Siege {
         self.start("coordinate", &self.place.run, &[])
     }
 
-    /// In a bucket each worker has a folder of its own.
+    /// Starts a worker, with its own folder if the store is a bucket.
     fn work(&self, name: &str, faults: &[&str]) -> Child {
         let own = self.place.folder.path().join(name);
         let run = if self.bucket.is_some() { &own } else { &self.place.run };
         let mut more = vec!["-j", "1", "--name", name, "--hang-s"];
         // Requests to a failing bucket take longer.
         more.push(if self.bucket.is_some() { "8" } else { "3" });
-        // Some write their partials at once, others keep them in memory.
+        // Some workers write their partials after a second, the others keep them in memory.
         if name.ends_with(['1', '3', '5', '7']) {
             more.extend(["--checkpoint-s", "1"]);
         }
@@ -208,7 +208,7 @@ impl Siege {
         self.start("work", run, &more)
     }
 
-    /// Starts a worker again; the hanging one hangs once.
+    /// Starts or restarts a worker. The hanging worker hangs only in its first life.
     fn start_worker(&mut self, number: usize) {
         let poison = format!("abort:{POISON}");
         let mut faults = vec![poison.as_str()];
@@ -221,7 +221,7 @@ impl Siege {
         self.lives[number] += 1;
     }
 
-    /// Starts ended workers again.
+    /// Resumes suspended workers after their time, and restarts ended ones.
     fn look_after(&mut self) {
         for (number, until) in std::mem::take(&mut self.asleep) {
             if Instant::now() < until {
@@ -246,7 +246,7 @@ impl Siege {
 
     fn reap(&mut self, number: usize, worker: Child) {
         let ended: Ended = worker.wait_with_output().unwrap().into();
-        // The only allowed ends: done, hung, no store, or a signal.
+        // A worker may end because it is done, hung, without a store, or killed by a signal.
         let known = [Some(0), Some(1), Some(75), None];
         assert!(known.contains(&ended.code), "{ended:#?}");
         if ended.code == Some(1) {
@@ -256,7 +256,7 @@ impl Siege {
         self.ends.push(format!("{}: {:?}", name(number), ended.code));
     }
 
-    /// Number of shards with a result in the store.
+    /// Returns the number of shards with a result in the store.
     fn done(&self) -> usize {
         let count = |folder: &str| self.store.list(folder).unwrap();
         let tuples = count("receipts").len();
@@ -301,7 +301,7 @@ impl Siege {
         }
     }
 
-    /// Tasks of all scenes, done or not, whole or split anywhere.
+    /// Publishes random tasks of random scenes, done or not.
     fn publish_duplicates(&mut self) {
         let run = Run::open(&self.place.run, &Roots::default()).unwrap();
         let queue =
@@ -323,7 +323,7 @@ impl Siege {
         let _ = queue.publish(&again);
     }
 
-    /// Runs until the end; returns the scenes in quarantine.
+    /// Runs until the coordinator has finished; returns the scenes in quarantine.
     fn endure(&mut self) -> BTreeSet<String> {
         let start = Instant::now();
         let mut events = self.events();
@@ -338,7 +338,7 @@ impl Siege {
             if self.store.get("spec.json").unwrap().is_some() {
                 self.look_after();
             }
-            // The store is counted without faults, which takes some time.
+            // A scene that is merged between two listings lowers the count, so the largest count is used.
             done = done.max(self.done());
             while done * all > (count - events.len()) * results
                 && let Some(event) = events.pop()
@@ -351,7 +351,7 @@ impl Siege {
         coordinated.expect(3);
         for number in 0..self.size.workers {
             if let Some(worker) = self.workers[number].take() {
-                // A sleeping worker would not end.
+                // A suspended worker would not end.
                 send(&worker, "CONT");
                 self.reap(number, worker);
             }
@@ -362,7 +362,7 @@ impl Siege {
             self.lives.iter().sum::<usize>(),
             self.ends
         );
-        assert!(events.is_empty(), "it ended too early: {events:?}");
+        assert!(events.is_empty(), "the run ended before {events:?}");
         let set_aside = self.store.list("quarantine").unwrap();
         let scene = |key: &String| Some(key.rsplit('/').next()?.strip_suffix(".json")?.to_owned());
         set_aside.iter().filter_map(scene).collect()
@@ -392,7 +392,7 @@ fn hold(size: Size, in_bucket: bool) {
     };
     let quarantined = siege.endure();
     assert!(quarantined.contains(POISON), "{quarantined:?}");
-    // The poison killed four workers at most, and those with tasks of it that the siege itself published.
+    // The poison killed at most four workers, and one more for each of its tasks that the siege published.
     let killed = siege.ends.iter().filter(|end| end.ends_with("None"));
     let kills = size.events[0].1;
     let most = 4 + kills + siege.poison_spans;
@@ -413,7 +413,7 @@ fn hold(size: Size, in_bucket: bool) {
             wrong.insert(scene["scene"].as_str().unwrap().to_owned());
         }
     }
-    eprintln!("made anew: {wrong:?}");
+    eprintln!("rendered again: {wrong:?}");
     let mut retry = vec!["retry", folder, "--anew"];
     retry.extend(wrong.iter().map(String::as_str));
     siege.command(&retry).expect(0);
@@ -433,30 +433,30 @@ fn hold(size: Size, in_bucket: bool) {
     assert_same(&found, alone(&siege.place));
 }
 
-/// Another seed, another siege: `GLASSHOUSE_SIEGE=7 cargo test --release --test farm siege -- --include-ignored`.
+/// Returns the seed, 1 by default: `GLASSHOUSE_SIEGE=7 cargo test --release --test farm siege -- --include-ignored`.
 fn seed() -> u64 {
     let given = std::env::var("GLASSHOUSE_SIEGE").ok();
     given.map_or(1, |text| text.parse().unwrap())
 }
 
 #[test]
-fn short_on_a_disk() {
+fn a_short_siege_on_a_disk() {
     hold(SHORT, false);
 }
 
 #[test]
-fn short_in_a_bucket() {
+fn a_short_siege_in_a_bucket() {
     hold(SHORT, true);
 }
 
 #[test]
 #[ignore = "long: run by name and by .ci/run"]
-fn long_on_a_disk() {
+fn a_long_siege_on_a_disk() {
     hold(LONG, false);
 }
 
 #[test]
 #[ignore = "long: run by name and by .ci/run"]
-fn long_in_a_bucket() {
+fn a_long_siege_in_a_bucket() {
     hold(LONG, true);
 }

@@ -1,4 +1,4 @@
-//! Snapshots of a run while its store changes.
+//! Takes snapshots of a run while its store changes.
 
 use crate::support::program::{run, text};
 use crate::support::scenes::{SCENES, SHARDS, place};

@@ -1,4 +1,4 @@
-//! `status` from a store alone, and `--watch`.
+//! Tests `status --watch`, and `status` with only a store.
 
 use crate::processes::{all_done, end, slow_place, start};
 use crate::support::nats::Nats;
@@ -27,7 +27,7 @@ fn a_watch_ends_with_its_run() {
     assert_eq!((&last["finished"], &last["merged"]), (&true.into(), &SCENES.into()));
     assert!(looks.iter().any(|look| look["eta_s"].as_f64().is_some()));
     let plain = end(plain).expect(0).stdout;
-    // Without a terminal: one line per poll, then the whole.
+    // Without a terminal, `status` prints one line per poll, and then the full status.
     assert!(plain.lines().filter(|l| l.contains("small: running")).count() > 3, "{plain}");
     assert!(plain.contains("small: finished, 4 of 4 scenes (100.0 %)"), "{plain}");
     assert!(!plain.contains('\x1b'));
@@ -48,9 +48,9 @@ fn a_watch_ends_with_a_signal_and_with_a_cancelled_run() {
     run(&["status", "--watch", folder]).expect(2).says(&["--watch"]);
 }
 
-/// A machine that has only the store's address sees the run, and may control it.
+/// A machine that has only the store's address can watch and control the run.
 #[test]
-fn a_store_is_enough() {
+fn a_store_is_enough_to_watch_and_control_a_run() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let store = place.folder.path().join("store");
@@ -83,14 +83,14 @@ fn a_store_is_enough() {
         (&over["workers"][0]["worker"], &over["workers"][0]["tuples"]),
         (&"one".into(), &SCENES.into())
     );
-    // The store is enough while the server is away.
+    // `status` works although the queue cannot be reached.
     let lost = run(&["status", text(&place.run), "--queue", "nats://127.0.0.1:1", "--json"])
         .expect(0)
         .json();
     assert!(lost["queue"]["reason"].is_string(), "{lost}");
     assert_eq!(lost["merged"], 0);
 
-    // The store of another run is not touched.
+    // Each command refuses the store of another run.
     let other = self::place();
     other.plan();
     for verb in ["status", "pause", "resume", "cancel"] {

@@ -1,4 +1,4 @@
-//! A full disk: a small tmpfs in a mount namespace of its own.
+//! Fills a disk: a small tmpfs in a separate mount namespace.
 
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, assert_tidy, files, tuples};
@@ -8,7 +8,7 @@ use std::process::Command;
 
 /// `$1`: an empty folder, `$2`: a recipe, `$3`: a folder for copies, `$4`: the program, `$5`: a queue or nothing.
 ///
-/// The tmpfs has room for the plan and 0.6 MB besides, of about 2 MB that four scenes' tuples and partials need.
+/// The tmpfs has room for the plan and 0.6 MB more, but tuples and partials of four scenes need about 2 MB.
 const SCRIPT: &str = r#"
 set -eu
 disk=$1 recipe=$2 out=$3 glasshouse=$4 queue=$5
@@ -41,12 +41,12 @@ work
 cp -r "$disk/run" "$out/run"
 "#;
 
-/// None, with a note, where such a namespace cannot be made.
+/// Runs the script; returns `None`, with a note, if the system allows no mount namespace.
 fn fill_and_make_room(queue: &str) -> Option<(tempfile::TempDir, Ended)> {
     let may =
         Command::new("unshare").args(["-Urm", "sh", "-c", "mount -t tmpfs tmpfs /mnt"]).output();
     if !may.is_ok_and(|ended| ended.status.success()) {
-        eprintln!("skipped: no mount namespace of one's own here (unshare -Urm)");
+        eprintln!("skipped: cannot create a mount namespace (unshare -Urm)");
         return None;
     }
     let place = place();
@@ -72,7 +72,7 @@ fn check(folder: &std::path::Path, ended: Ended) {
         "check its space",
     ]);
     assert_eq!(ended.stdout.matches("full: 1\n").count(), 2, "{ended:#?}");
-    // When the disk was full, some scenes were done, and every scene with a tuple.json was whole.
+    // On the full disk, some scenes were done, and every tuple with a tuple.json was complete.
     let full = tuples(&folder.join("out/full"));
     for (path, content) in &full {
         assert!(reference()[path] == *content, "{}", path.display());
@@ -85,14 +85,14 @@ fn check(folder: &std::path::Path, ended: Ended) {
 }
 
 #[test]
-fn a_full_disk_stops_the_run_and_room_lets_it_go_on() {
+fn a_run_resumes_after_a_full_disk() {
     if let Some((folder, ended)) = fill_and_make_room("") {
         check(folder.path(), ended);
     }
 }
 
 #[test]
-fn a_full_disk_stops_a_farms_workers_and_room_lets_them_go_on() {
+fn a_farm_resumes_after_a_full_disk() {
     let Some(server) = Nats::start() else { return };
     if let Some((folder, ended)) = fill_and_make_room(&server.url()) {
         check(folder.path(), ended);

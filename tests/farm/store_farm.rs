@@ -1,5 +1,5 @@
-//! A farm whose store is a bucket: workers have only its address, and the tuples are those of one process on a
-//! disk, whichever processes are killed.
+//! Tests a farm with its store in a bucket: workers have only the bucket's address, and the tuples equal those of one
+//! process on a disk, whichever processes are killed.
 
 use crate::processes::{all_done, alone, end, slow_place};
 use crate::support::nats::Nats;
@@ -16,7 +16,7 @@ use std::time::Duration;
 
 const PREFIX: &str = "runs/mine";
 
-/// A coordinator or a worker. `run` need not exist for a worker.
+/// Starts a coordinator or a worker. `run` need not exist for a worker.
 fn start(verb: &str, run: &Path, queue: &Nats, bucket: &S3Server, more: &[&str]) -> Child {
     let url = queue.url();
     let mut arguments = vec![verb, text(run), "--queue", &url, "--lease-s", "2"];
@@ -31,11 +31,11 @@ fn start(verb: &str, run: &Path, queue: &Nats, bucket: &S3Server, more: &[&str])
 fn coordinator(place: &Place, queue: &Nats, bucket: &S3Server) -> Child {
     let child = start("coordinate", &place.run, queue, bucket, &[]);
     let store = bucket.store(PREFIX);
-    wait_for("the run's rules", || store.get("spec.json").unwrap().is_some());
+    wait_for("the run's spec", || store.get("spec.json").unwrap().is_some());
     child
 }
 
-/// With a folder of its own, which does not exist yet.
+/// Starts a worker with its own folder, which does not exist yet.
 fn worker(place: &Place, name: &str, queue: &Nats, bucket: &S3Server, more: &[&str]) -> Child {
     let run = place.folder.path().join(name);
     let mut all = vec!["-j", "1"];
@@ -43,7 +43,7 @@ fn worker(place: &Place, name: &str, queue: &Nats, bucket: &S3Server, more: &[&s
     start("work", &run, queue, bucket, &all)
 }
 
-/// The tuples, fetched.
+/// Copies the tuples of a store to a folder.
 pub(crate) fn fetched(store: &Store, to: &Path) -> Tuples {
     let keys = store.list("tuples").unwrap();
     for (key, bytes) in keys.iter().zip(store.get_all(&keys).unwrap()) {
@@ -65,7 +65,7 @@ fn assert_finished(store: &Store) {
 }
 
 #[test]
-fn workers_need_nothing_but_the_bucket() {
+fn workers_need_only_the_bucket_and_the_queue() {
     let Some(queue) = Nats::start() else { return };
     let bucket = S3Server::start(11);
     let place = place();
@@ -80,18 +80,18 @@ fn workers_need_nothing_but_the_bucket() {
     let store = bucket.store(PREFIX);
     assert_same(&fetched(&store, &place.folder.path().join("found")), reference());
     assert_finished(&store);
-    // Only manifest, spec and cache were written, and nothing to the coordinator's folder.
+    // Workers write only manifest, spec and cache to their folders, and nothing to the coordinator's.
     assert!(!place.run.join("tuples").exists());
     assert!(!place.folder.path().join("a/tuples").exists());
-    // Another coordinator, on a machine that has only the bucket, finds the run done.
+    // Another coordinator, on a machine that has only the bucket, finds that the run is done.
     let other = place.folder.path().join("elsewhere");
     end(start("coordinate", &other, &queue, &bucket, &[])).expect(0);
 }
 
-/// Of 100 requests to the bucket 12 fail in some way, the bucket is away for some seconds, workers, coordinator
-/// and queue are killed, and the queue forgets everything.
+/// 12 % of the requests to the bucket fail, the bucket is unreachable for 3 s, workers, coordinator and queue are
+/// killed, and the queue loses its messages.
 #[test]
-fn eight_workers_with_everything_failing_make_what_one_process_makes() {
+fn eight_workers_under_all_faults_make_the_tuples_of_one_process() {
     let Some(mut queue) = Nats::start() else {
         return;
     };
@@ -130,19 +130,19 @@ fn eight_workers_with_everything_failing_make_what_one_process_makes() {
 }
 
 #[test]
-fn a_worker_without_its_store_ends_with_75_and_costs_no_scene() {
+fn a_worker_without_its_store_exits_with_75_and_no_scene_is_quarantined() {
     let Some(queue) = Nats::start() else { return };
     let bucket = S3Server::start(13);
     let place = slow_place();
     let store = bucket.store(PREFIX);
     let patience = ["--store-patience-s", "1"];
     let mut coordinator = start("coordinate", &place.run, &queue, &bucket, &patience);
-    wait_for("the run's rules", || store.get("spec.json").unwrap().is_some());
+    wait_for("the run's spec", || store.get("spec.json").unwrap().is_some());
     let leaving = worker(&place, "a", &queue, &bucket, &patience);
     wait_for("a result", || results(&store) > 2);
     bucket.faults.set_away(true);
     end(leaving).expect(75).says(&["cannot", "in s3://bucket/runs/mine"]);
-    // The coordinator waits for it.
+    // The coordinator waits for the store.
     std::thread::sleep(Duration::from_secs(5));
     assert!(coordinator.try_wait().unwrap().is_none());
     bucket.faults.set_away(false);

@@ -1,4 +1,4 @@
-//! Photographs in a bucket: the same scenes and the same pixels as from a folder, each object fetched once.
+//! Photographs in a bucket yield the same scenes and pixels as in a folder, and each object is fetched once.
 
 use crate::support::moto::Moto;
 use crate::support::outputs::{assert_same, files, tuples};
@@ -56,7 +56,7 @@ impl Both {
         self.folder.path().join(name)
     }
 
-    /// Runs the program, which knows the bucket.
+    /// Runs the program with the address and the keys of the bucket.
     fn run(&self, arguments: &[&str]) -> Ended {
         let mut command = command(arguments);
         self.bucket.tell(&mut command);
@@ -84,7 +84,7 @@ fn a_bucket_of_photographs_makes_the_same_tuples_as_a_folder() {
     assert_same(&tuples(&there), &tuples(&here));
     let cached = files(&there.join("cache"));
     assert!(cached.len() >= 6, "{cached:?}");
-    // From the cache, a part of it damaged; the root may be given anew.
+    // A second run reads the cache, except for a damaged entry; `--root` may be repeated.
     let file = there.join("cache").join(&cached[0]);
     let mut bytes = std::fs::read(&file).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
@@ -102,7 +102,7 @@ fn a_bucket_of_photographs_makes_the_same_tuples_as_a_folder() {
 }
 
 #[test]
-fn a_photograph_that_is_gone_costs_its_scenes_and_a_bucket_that_is_away_none() {
+fn a_missing_photograph_quarantines_its_scenes_and_an_unreachable_bucket_none() {
     let both = Both::new(22);
     let run = both.path("run");
     both.plan(&run, "s3://bucket/diode");
@@ -132,7 +132,7 @@ fn plan_reports_truncated_objects_and_leaves_them_out_if_asked() {
     let whole = both.path("whole");
     both.plan(&whole, "s3://bucket/diode");
     let whole = Run::open(&whole, &Roots::default()).unwrap();
-    // Of two photographs that are used.
+    // Depth images of two photographs in scenes.
     let mut depths: Vec<String> = Vec::new();
     for side in whole.lines.iter().map(|line| &line.front) {
         let depth = side.photograph().unwrap().depth.clone();
@@ -159,11 +159,11 @@ fn plan_reports_truncated_objects_and_leaves_them_out_if_asked() {
     let planned = both.run(&[&arguments[..], &["--skip-invalid"]].concat());
     let planned = planned.expect(0).json();
     assert_eq!(planned["scenes"], 3);
-    // 64 x 48 px: depth and mask of a known size, and a PNG.
+    // At least four photographs have a depth image and a mask of 12,416 bytes, and a PNG.
     assert!(planned["input_bytes"].as_u64().unwrap() > 4 * 2 * 12_416);
 }
 
-/// s3s-fs answers every question with the whole object, so this is moto's.
+/// s3s-fs always returns the whole object, so this test uses moto.
 #[test]
 fn an_object_is_fetched_again_only_when_it_changed() {
     let Some(server) = Moto::start() else { return };
@@ -174,7 +174,7 @@ fn an_object_is_fetched_again_only_when_it_changed() {
     let inputs = Inputs::new(server.options(), Some(cache));
     let url = Path::new("s3://bucket/x/./a");
     assert_eq!(inputs.read(url).unwrap(), b"one");
-    // The cache's entry is used: it is changed here, with a valid digest, and the store's ETag is the same.
+    // While the store's ETag is the same, the cache returns its entry, even one that is forged here.
     let file = folder.path().join("cache").join(&files(&folder.path().join("cache"))[0]);
     let text = String::from_utf8(std::fs::read(&file).unwrap()).unwrap();
     let digest = |bytes: &[u8]| blake3::hash(bytes).to_hex().to_string();
@@ -185,7 +185,7 @@ fn an_object_is_fetched_again_only_when_it_changed() {
     assert_eq!(inputs.read(url).unwrap(), b"two");
     let error = inputs.read(Path::new("s3://bucket/x/b")).unwrap_err();
     assert_eq!(error.kind(), std::io::ErrorKind::NotFound);
-    // An absent bucket is no fault of a file.
+    // An absent bucket is an error of the store and not of the file.
     let error = inputs.read(Path::new("s3://absent/x/b")).unwrap_err();
     let error = error.downcast::<StoreError>().unwrap();
     assert!(!error.is_passing(), "{error}");

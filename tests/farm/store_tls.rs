@@ -32,10 +32,10 @@ fn a_private_authority_is_trusted_when_it_is_named() {
         let start = Instant::now();
         (command.output().unwrap().into(), start.elapsed())
     };
-    // The server answers: the bucket is absent.
+    // A trusted server responds that the bucket is absent.
     let (ended, _) = render(Some(&path("keys/ca/ca.pem")));
     ended.expect(4).says(&["NoSuchBucket"]);
-    // An untrusted server is not tried again.
+    // The program does not retry an untrusted server.
     let (ended, took) = render(None);
     ended.expect(4).says(&["certificate"]);
     assert!(took < Duration::from_secs(20), "{took:?}");

@@ -1,4 +1,4 @@
-//! The properties of a store that the farm needs, on a disk and behind S3, with a reliable and with a failing server.
+//! Tests the properties of a store that the farm needs, on a disk and on S3, with a reliable and a failing server.
 
 use crate::support::moto::Moto;
 use crate::support::s3_server::{BUCKET, S3Server};
@@ -6,7 +6,7 @@ use glasshouse::store::{Put, Store, StoreError, StoreOptions};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// Objects of a large listing: more than one page of S3.
+/// Number of objects in a large listing, more than one page of S3.
 const MANY: usize = 1100;
 
 /// Runs a test on a disk, on S3 and on S3 with faults in 15 of 100 requests.
@@ -25,7 +25,7 @@ fn objects_are_created_once_and_differences_are_errors() {
     on_all_stores(|name, store| {
         assert_eq!(store.get("a/b.json").unwrap(), None, "{name}");
         let put = store.create("a/b.json", b"one").unwrap();
-        // After a lost answer the put is repeated, and finds its own bytes.
+        // After a lost response, the store repeats the put and finds its own bytes.
         assert!(put == Put::New || name.contains("faults"), "{name}");
         assert_eq!(store.create("a/b.json", b"one").unwrap(), Put::Same, "{name}");
         let error = store.create("a/b.json", b"two").unwrap_err();
@@ -43,9 +43,9 @@ fn objects_are_created_once_and_differences_are_errors() {
     });
 }
 
-/// As when a coordinator finishes the run while a worker still writes: the unfinished file is removed with its folder.
+/// A coordinator that finishes the run while a worker writes removes the unfinished file with its folder.
 #[test]
-fn a_put_that_is_cleared_away_is_made_again() {
+fn a_put_is_repeated_if_its_file_is_removed() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::local(folder.path()).unwrap();
     let bytes = vec![7; 8 << 20];
@@ -70,12 +70,12 @@ fn a_put_that_is_cleared_away_is_made_again() {
             assert_eq!(put.unwrap(), Put::New);
         });
     }
-    assert!(cleared_away > 0, "nothing was cleared away in time");
+    assert!(cleared_away > 0, "no file was removed during its put");
     assert_eq!(store.list("partials").unwrap().len(), objects);
 }
 
 #[test]
-fn listing_and_removing_many() {
+fn many_objects_can_be_listed_and_removed() {
     on_all_stores(|name, store| {
         assert_eq!(store.list("partials").unwrap(), [""; 0], "{name}");
         // Faults cost seconds, so with them one page is enough.
@@ -83,7 +83,7 @@ fn listing_and_removing_many() {
         let keys: Vec<String> = (0..many).map(|k| format!("partials/s/{k:06}.exr")).collect();
         let objects = keys.iter().map(|k| (k.clone(), k.clone().into()));
         store.create_all(objects.collect()).unwrap();
-        // A key that begins with a folder's name is not in it.
+        // A key that only begins with the folder's name is not in the folder.
         store.create("partials/s2/000000.exr", b"t").unwrap();
         store.create("partials/s/deep/x", b"t").unwrap();
         let mut found = store.list("partials/s").unwrap();
@@ -103,13 +103,13 @@ fn listing_and_removing_many() {
     });
 }
 
-/// Bytes of a size that takes several packets, so that answers are cut in their middle, too.
+/// Returns bytes that take several packets, so that faults can also cut a response in the middle.
 fn large(k: u8) -> Vec<u8> {
     (0..300_000u32).flat_map(|n| (n * 7 + u32::from(k)).to_le_bytes()).collect()
 }
 
 #[test]
-fn every_kind_of_fault_happens_and_none_is_seen() {
+fn retries_hide_every_kind_of_fault() {
     let server = S3Server::start(2);
     server.faults.set(400);
     let store = server.store("x");
@@ -125,7 +125,7 @@ fn every_kind_of_fault_happens_and_none_is_seen() {
 }
 
 #[test]
-fn equal_puts_at_the_same_time_are_all_right() {
+fn simultaneous_equal_puts_succeed() {
     on_all_stores(|name, store| {
         for round in 0..5 {
             let key = format!("tuples/{round}");
@@ -139,7 +139,7 @@ fn equal_puts_at_the_same_time_are_all_right() {
     });
 }
 
-/// Of sixteen different puts one wins, and all others return an error.
+/// Asserts that one of sixteen simultaneous different puts succeeds, and that the others return an error.
 fn one_wins(store: &Store) {
     for round in 0..10 {
         let key = format!("race/{round}");
@@ -167,7 +167,7 @@ fn one_of_several_different_puts_wins_on_s3() {
 }
 
 #[test]
-fn a_store_that_was_away_is_waited_for() {
+fn a_put_waits_for_an_unreachable_store() {
     let server = S3Server::start(3);
     let store = server.store("x");
     server.faults.set_away(true);
@@ -182,7 +182,7 @@ fn a_store_that_was_away_is_waited_for() {
 }
 
 #[test]
-fn a_store_that_stays_away_is_a_passing_error() {
+fn a_store_that_stays_unreachable_is_a_passing_error() {
     let server = S3Server::start(4);
     let address = format!("s3://{BUCKET}/x");
     let store = Store::open(&address, &server.options(Duration::from_secs(1))).unwrap();
@@ -221,7 +221,7 @@ fn permanent_errors_are_reported_at_once_and_without_secrets() {
     assert!(start.elapsed() < Duration::from_secs(30));
 }
 
-/// s3s-fs makes buckets as they are needed, so this is moto's.
+/// s3s-fs creates absent buckets, so this test uses moto.
 #[test]
 fn an_absent_bucket_is_reported_at_once() {
     let Some(server) = Moto::start() else { return };

@@ -1,4 +1,4 @@
-//! The status page's buttons: with the token they do what the commands do.
+//! With the token, the buttons of the status page have the effects of the commands.
 
 use crate::processes::{end, slow_place, start};
 use crate::serve_run::{get, request};
@@ -65,7 +65,7 @@ fn the_pages_buttons_need_the_token() {
 }
 
 #[test]
-fn tokens_on_the_command_line_and_weak_ones_are_refused() {
+fn weak_tokens_and_tokens_on_the_command_line_are_refused() {
     let place = slow_place();
     let folder = text(&place.run);
     let coordinate = |more: &[&str]| {

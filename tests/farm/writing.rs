@@ -1,4 +1,4 @@
-//! The writer thread: slow disks hold the tracers back, full ones stop the run, and neither changes a pixel.
+//! Tests the writer thread: slow disks block the compute threads, full ones stop the run, and neither changes a pixel.
 
 use crate::support::outputs::{assert_same, assert_tidy, tuples};
 use crate::support::program::{run, run_on_full_disk, text};
@@ -10,10 +10,10 @@ use render::trace::Isa;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// The writer is blocked after its first tuple, as by a slow disk, until no more shards are finished: then the channel
-/// is full, and few results are in memory.
+/// Blocks the writer after its first tuple, as a slow disk does, until no more shards finish: then the channel is full,
+/// and few results are in memory.
 #[test]
-fn a_slow_writer_holds_the_tracers_back() {
+fn a_slow_writer_blocks_the_compute_threads() {
     let place = place();
     place.plan();
     let opened = Run::open(&place.run, &Roots::default()).unwrap();
@@ -34,9 +34,9 @@ fn a_slow_writer_holds_the_tracers_back() {
                 last = now;
             }
             let left = SCENES * SHARDS - before;
-            assert!(last < SCENES * SHARDS, "nothing was left to do");
-            // With each thread: a shard whose event was being sent, one that waits for room, one that is a scene's last;
-            // and a place in the channel.
+            assert!(last < SCENES * SHARDS, "no shard was left");
+            // Each thread may have a shard with an unfinished event, a shard that waits for the channel, and the last
+            // shard of a scene; the channel has one place per thread.
             assert!(last - before <= 4 * threads, "{before} {last} {left}");
             held.fetch_add(1, Ordering::SeqCst);
         };
@@ -57,9 +57,9 @@ fn a_slow_writer_holds_the_tracers_back() {
     }
 }
 
-/// Scenes of one shard have no partials: a limit on the size of files meets the writer at the tuple.
+/// Scenes of one shard have no partials, so that the limit on the size of files stops the writer at a tuple.
 #[test]
-fn a_disk_that_is_full_at_the_tuple_ends_with_1_and_can_be_resumed() {
+fn a_disk_too_full_for_a_tuple_exits_with_1_and_the_run_can_be_resumed() {
     let place = place();
     let (recipe, folder) = (text(&place.recipe), text(&place.run));
     run(&["plan", recipe, "--out", folder, "--tile", "256"]).expect(0);
@@ -78,9 +78,9 @@ fn a_disk_that_is_full_at_the_tuple_ends_with_1_and_can_be_resumed() {
     assert_tidy(&place.run);
 }
 
-/// After a stop when a scene is open and none of its shards is begun, the store has no part of it.
+/// If a stop comes between the opening of a scene and its first shard, the store has no part of the scene.
 #[test]
-fn a_scene_that_was_only_opened_leaves_nothing() {
+fn a_scene_that_was_only_opened_leaves_no_object() {
     let place = place();
     let (recipe, folder) = (text(&place.recipe), text(&place.run));
     run(&["plan", recipe, "--out", folder, "--tile", "32"]).expect(0);

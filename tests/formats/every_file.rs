@@ -1,4 +1,4 @@
-//! A file of every kind that the program writes or reads, for `inspect`.
+//! Makes a file of every kind that the program writes or reads, for tests of `inspect`.
 
 use crate::every_file_left as left;
 use crate::support::scenes::{npy, partials, photographs, put_partials, scene, write_lines};
@@ -9,14 +9,14 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// A place with a file of every kind, and what each is: path, kind, whether it is whole, and words that are said of it.
+/// A folder with a file of every kind, and the expected output of `inspect` for each.
 pub(crate) struct Files {
     pub(crate) folder: TempDir,
     pub(crate) list: Vec<Known>,
 }
 
 impl Files {
-    /// Those that are no folders.
+    /// Returns the entries that are files.
     pub(crate) fn plain(&self) -> impl Iterator<Item = &Known> {
         let is_file = |known: &&Known| self.folder.path().join(&known.path).is_file();
         self.list.iter().filter(is_file)
@@ -26,12 +26,12 @@ impl Files {
 pub(crate) struct Known {
     pub(crate) path: PathBuf,
     pub(crate) kind: &'static str,
-    /// Nothing if that cannot be told.
+    /// True if the content is complete; `None` if `inspect` cannot check that.
     pub(crate) whole: Option<bool>,
     pub(crate) words: &'static [&'static str],
 }
 
-/// One of its scenes.
+/// A scene of `runs/smoke`.
 pub(crate) const SCENE: &str = "train-sample-000000";
 
 impl Files {
@@ -54,7 +54,7 @@ impl Files {
     }
 }
 
-/// Makes one of everything.
+/// Makes a file of every kind.
 pub(crate) fn files() -> Files {
     let mut files = Files { folder: workplace(), list: Vec::new() };
     of_a_run(&mut files);
@@ -69,7 +69,7 @@ pub(crate) fn files() -> Files {
 fn of_a_run(files: &mut Files) {
     let folder = files.folder.path().to_owned();
     let (whole, unknown) = (Some(true), None);
-    // As an interrupted worker leaves them.
+    // An interrupted worker leaves partials.
     let (id, made) = partials(&folder.join("runs/smoke"), 0);
     put_partials(&folder.join("runs/smoke"), &id, &made[..1]);
     files.is("runs/smoke", "run", unknown, &["scenes", "smoke"]);

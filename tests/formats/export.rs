@@ -1,4 +1,4 @@
-//! Exported data sets: names, bytes, values, and where the tuples may be.
+//! Tests names, bytes and values of exported data sets, from tuples in any store.
 
 use crate::support::outputs::{exr_channels, files, manifest, read_json, tuple_record};
 use crate::support::program::{Ended, command, run, text};
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use tempfile::TempDir;
 
-/// Seven scenes, tiny.
+/// A recipe of seven tiny scenes.
 pub(crate) const RECIPE: &str = r#"
 schema = "glasshouse.recipe/1"
 name = "smoke"
@@ -40,10 +40,10 @@ name = "test"
 pairs = { sample = 2 }
 "#;
 
-/// Scenes of [`RECIPE`].
+/// Number of scenes of [`RECIPE`].
 const SCENES: usize = 7;
 
-/// A finished run `runs/smoke` in a folder of its own.
+/// Makes a finished run `runs/smoke` in a new folder.
 pub(crate) fn finished(recipe: &str) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("smoke.toml");
@@ -53,14 +53,14 @@ pub(crate) fn finished(recipe: &str) -> (TempDir, PathBuf) {
     (folder, made)
 }
 
-/// The command line of an export.
+/// Returns the command line of an export.
 pub(crate) fn arguments<'a>(run: &'a Path, out: &'a Path, more: &[&'a str]) -> Vec<&'a str> {
     let mut all = vec!["export", text(run), "--out", text(out)];
     all.extend(more);
     all
 }
 
-/// Every file of an export.
+/// Reads every file of an export.
 pub(crate) fn content(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let read = |path: PathBuf| {
         let bytes = std::fs::read(folder.join(&path)).unwrap();
@@ -79,7 +79,7 @@ pub(crate) fn assert_equal(found: &Path, expected: &Path) {
     }
 }
 
-/// The tuples of a run: ids, by split.
+/// Returns the sorted ids of a split.
 pub(crate) fn ids(run: &Path, split: &str) -> Vec<String> {
     let lines = manifest(run);
     let of_split = lines.iter().filter(|line| line["split"] == split);
@@ -103,7 +103,7 @@ const FORMATS: [(&str, &str); 10] = [
 ];
 
 #[test]
-fn equal_runs_make_equal_bytes_and_sums_fit() {
+fn equal_runs_export_equal_bytes_with_correct_sums() {
     let (folder, made) = finished(RECIPE);
     let (_other, elsewhere) = finished(RECIPE);
     for (format, encoding) in FORMATS {
@@ -130,7 +130,7 @@ fn equal_runs_make_equal_bytes_and_sums_fit() {
             .output()
             .unwrap();
         assert!(checked.status.success(), "{checked:?}");
-        // Nothing tells where or when it was made.
+        // No file contains the folder of the export.
         for (path, bytes) in content(&outs[0]) {
             let place = text(folder.path()).as_bytes();
             let told = bytes.windows(place.len()).any(|part| part == place);
@@ -140,7 +140,7 @@ fn equal_runs_make_equal_bytes_and_sums_fit() {
 }
 
 #[test]
-fn names_are_as_promised_and_pngs_are_copies() {
+fn names_are_as_documented_and_pngs_are_copies() {
     let (folder, made) = finished(RECIPE);
     let png = |id: &str, layer: &str| {
         std::fs::read(made.join("tuples").join(id).join(format!("{layer}.png"))).unwrap()
@@ -213,7 +213,7 @@ fn names_are_as_promised_and_pngs_are_copies() {
     assert!(!out.join("train").exists() && !out.join("croissant.json").exists());
 }
 
-/// A tuple's layers by the library.
+/// Decodes a tuple's layers with the library.
 fn layers(run: &Path, id: &str) -> [Vec<[f32; 3]>; 4] {
     let folder = run.join("tuples").join(id);
     let record = std::fs::read(folder.join("tuple.json")).unwrap();
@@ -277,7 +277,7 @@ fn tuples_come_from_any_store() {
     let expected = folder.path().join("expected");
     run(&arguments(&made, &expected, &pairs)).expect(0);
 
-    // Another folder; the run is fetched from it.
+    // The export fetches the run from another folder.
     let out = folder.path().join("of-folder");
     let fetched = folder.path().join("fetched");
     let store = ["--store", text(&made)];

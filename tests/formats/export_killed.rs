@@ -1,14 +1,14 @@
-//! Exports that are killed or stopped go on where they were.
+//! Killed and stopped exports resume where they ended.
 
 use crate::export::{RECIPE, arguments, assert_equal, finished};
 use crate::support::program::{Ended, command, run, send, wait_until};
 use std::path::PathBuf;
 use tempfile::TempDir;
 
-/// Many shards: of one megabyte each.
+/// Options for shards of 1 MB.
 const SHARDS: [&str; 6] = ["--format", "webdataset", "--encoding", "linear", "--shard-mb", "1"];
 
-/// Many tuples, several shards of 1 MB.
+/// Makes a run with tuples for several shards of 1 MB.
 fn many() -> (TempDir, PathBuf) {
     let recipe = RECIPE
         .replace("width = 24", "width = 96")
@@ -19,7 +19,7 @@ fn many() -> (TempDir, PathBuf) {
 }
 
 #[test]
-fn a_killed_export_goes_on_and_ends_with_the_same_bytes() {
+fn a_killed_export_resumes_and_ends_with_the_same_bytes() {
     let (folder, made) = many();
     for (name, more, sign) in [
         ("shards", &SHARDS[..], ".export/train-000001.json"),
@@ -52,15 +52,15 @@ fn a_killed_export_goes_on_and_ends_with_the_same_bytes() {
             assert_equal(&out, &whole);
             break;
         }
-        assert!(killed > 0, "{name}: never caught at work");
-        // Once more: nothing to do.
+        assert!(killed > 0, "{name}: every export ended before its kill");
+        // A repeated export is already complete.
         let json = run(&arguments(&made, &whole, &[more, &["--json"]].concat())).expect(0).json();
         assert_eq!(json["already_complete"], true);
     }
 }
 
 #[test]
-fn a_signal_stops_it_and_it_can_be_gone_on_with() {
+fn an_export_stopped_by_a_signal_can_be_resumed() {
     let (folder, made) = many();
     let whole = folder.path().join("whole");
     run(&arguments(&made, &whole, &SHARDS)).expect(0);
@@ -81,5 +81,5 @@ fn a_signal_stops_it_and_it_can_be_gone_on_with() {
         assert_equal(&out, &whole);
         return;
     }
-    panic!("never caught at work");
+    panic!("every export ended before its signal");
 }

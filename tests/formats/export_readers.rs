@@ -1,6 +1,6 @@
-//! Exports read back by the packages that their users have, and by the examples of docs/datasets.md.
+//! Reads exports back with common Python packages and with the examples of docs/datasets.md.
 //!
-//! `GLASSHOUSE_PYTHON`, or `python3`, must have them; a missing reader is skipped with a message.
+//! `GLASSHOUSE_PYTHON`, or `python3`, must have the packages; tests of missing ones are skipped with a message.
 
 use crate::export::{RECIPE, finished};
 use crate::support::program::{Ended, command, run, text};
@@ -15,12 +15,12 @@ fn python() -> Command {
     Command::new(python.unwrap_or_else(|| "python3".into()))
 }
 
-/// Reads `out` back, or says that this cannot be done here.
+/// Reads `out` back, or prints that Python or a package is missing.
 fn read_back(what: &str, run: &Path, out: &Path) {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/formats/read_back.py");
     let output = python().arg(script).arg(what).args([run, out]).output();
     let Ok(output) = output else {
-        eprintln!("skipped: {what}: there is no Python here");
+        eprintln!("skipped: {what}: Python is not installed");
         return;
     };
     let ended: Ended = output.into();
@@ -39,7 +39,7 @@ fn export(run_folder: &Path, out: &Path, more: &str) -> PathBuf {
 }
 
 #[test]
-fn loaders_see_the_tuples_pixels() {
+fn loaders_return_the_pixels_of_the_tuples() {
     let (folder, made) = finished(RECIPE);
     for (name, more, readers) in [
         ("w", "--format webdataset", &["webdataset", "loader", "hub_webdataset", "croissant"][..]),
@@ -58,7 +58,7 @@ fn loaders_see_the_tuples_pixels() {
 }
 
 #[test]
-fn several_shards_are_one_set() {
+fn several_shards_are_read_as_one_set() {
     let recipe = RECIPE
         .replace("width = 24", "width = 256")
         .replace("height = 16", "height = 256")
@@ -123,7 +123,7 @@ fn examples_of_the_document_run() {
         }
         python.env("HF_HUB_OFFLINE", "1");
         let Ok(output) = python.output() else {
-            eprintln!("skipped: there is no Python here");
+            eprintln!("skipped: Python is not installed");
             return;
         };
         let ended: Ended = output.into();

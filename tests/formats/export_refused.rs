@@ -1,4 +1,4 @@
-//! Refused exports, and messages about scenes left out.
+//! Tests refused exports, and messages about scenes that are left out.
 
 use crate::export::{RECIPE, arguments, content, finished, ids};
 use crate::support::outputs::files;
@@ -37,11 +37,11 @@ fn changed_and_foreign_folders_are_refused() {
 }
 
 #[test]
-fn an_export_that_was_begun_is_looked_at() {
+fn an_incomplete_export_is_checked() {
     let (folder, made) = finished(RECIPE);
     let out = folder.path().join("out");
     let shards = ["--format", "webdataset"];
-    // As a process leaves it that is killed after the first split.
+    // The state that a process leaves if it is killed after the first split.
     run(&arguments(&made, &out, &shards)).expect(0);
     let whole = content(&out);
     let tar = out.join("train-000000.tar");
@@ -65,14 +65,14 @@ fn an_export_that_was_begun_is_looked_at() {
     run(&arguments(&made, &out, &shards)).expect(5).says(&["was changed: train-000000.tar has"]);
     std::fs::write(&record, "{").unwrap();
     run(&arguments(&made, &out, &shards)).expect(5).says(&["damaged .export/train-000000.json"]);
-    // Without the record the shard is made again.
+    // Without the record, the command makes the shard again.
     std::fs::remove_file(&record).unwrap();
     run(&arguments(&made, &out, &shards)).expect(0);
     assert!(content(&out) == whole);
 }
 
 #[test]
-fn what_cannot_be_is_refused() {
+fn impossible_exports_are_refused() {
     let (folder, made) = finished(RECIPE);
     let out = folder.path().join("out");
     for (more, code, words) in [
@@ -89,7 +89,7 @@ fn what_cannot_be_is_refused() {
     run(&arguments(&nowhere, &out, &["--format", "pairs"])).expect(4);
     assert!(!out.exists());
 
-    // Damage ends it.
+    // A damaged tuple ends the export.
     let id = &ids(&made, "train")[0];
     let png = made.join(format!("tuples/{id}/input.png"));
     let bytes = std::fs::read(&png).unwrap();
@@ -102,13 +102,13 @@ fn what_cannot_be_is_refused() {
     run(&arguments(&made, &folder.path().join("exr"), &["--format", "exr"]))
         .expect(1)
         .says(&[&format!("tuples/{id}/tuple.exr"), "digest"]);
-    // Repaired, it goes on.
+    // After a repair, the export resumes.
     std::fs::write(&png, bytes).unwrap();
     run(&arguments(&made, &out, &["--format", "pairs"])).expect(0);
 }
 
 #[test]
-fn unfinished_runs_need_a_word() {
+fn unfinished_runs_need_a_flag() {
     let (folder, made) = finished(RECIPE);
     let id = ids(&made, "train")[1].clone();
     let tuple = made.join("tuples").join(&id);
@@ -124,7 +124,7 @@ fn unfinished_runs_need_a_word() {
     assert_eq!([&json["missing"], &json["tuples"]["train"]], [&json!(1), &json!(4)]);
     let card = std::fs::read_to_string(out.join("README.md")).unwrap();
     assert!(card.contains("1 scenes of the manifest were not rendered yet"), "{card}");
-    // One that was begun keeps to its scenes; one that is complete is not taken for another.
+    // A begun export keeps its list of scenes, and a complete export with another list is refused.
     std::fs::rename(&aside, &tuple).unwrap();
     run(&partial).expect(5).says(&["without 1 scenes of the run"]);
     let whole = content(&out);

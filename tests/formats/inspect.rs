@@ -1,11 +1,11 @@
-//! `inspect`: every kind of file that a run, a training and an export leave.
+//! Tests `inspect` on every kind of file that a run, a training and an export write.
 
 use crate::every_file::files;
 use crate::support::program::{Ended, text};
 use crate::support::workplace::{run_in, workplace};
 use serde_json::{Value, json};
 
-/// The one file of `inspect --json`.
+/// Returns the only file in the output of `inspect --json`.
 pub(crate) fn one(ended: &Ended) -> Value {
     let object = ended.json();
     assert_eq!(object["schema"], "glasshouse.inspect/1");
@@ -16,7 +16,7 @@ pub(crate) fn one(ended: &Ended) -> Value {
 }
 
 #[test]
-fn every_file_is_told_by_its_content() {
+fn every_kind_of_file_is_described() {
     let files = files();
     let mut missing = Vec::new();
     for known in &files.list {
@@ -37,7 +37,7 @@ fn every_file_is_told_by_its_content() {
                 missing.push(format!("{path}: no {word:?} in\n{}", page.stdout));
             }
         }
-        // It fits a terminal, but for names that have no space.
+        // Lines fit a terminal, except for long names without a space.
         let is_long = |line: &&str| {
             let word = line.split_whitespace().map(str::len).max().unwrap_or(0);
             line.chars().count() > 80 && word < 40
@@ -48,11 +48,11 @@ fn every_file_is_told_by_its_content() {
 }
 
 #[test]
-fn the_name_is_not_believed() {
+fn files_are_recognised_by_their_content() {
     let files = files();
     let folder = files.folder.path();
     for known in files.plain() {
-        // Without a name these tell nothing.
+        // `inspect` recognises these kinds only by their names.
         if ["lock", "best", "train_recipe", "finished"].contains(&known.kind) {
             continue;
         }
@@ -61,7 +61,7 @@ fn the_name_is_not_believed() {
         let ended = run_in(folder, &["inspect", "elsewhere/file.dat", "--json"]);
         let kind = one(&ended)["kind"].clone();
         let path = known.path.display();
-        // A list of one line is told from a scene by its ending, and digests need the files beside them.
+        // Only the name distinguishes a list of one line from a scene, and digests need the files beside them.
         if known.kind == "sums"
             || known.kind == "manifest"
             || known.kind == "checkpoint_state"
@@ -75,7 +75,7 @@ fn the_name_is_not_believed() {
 }
 
 #[test]
-fn many_files_at_once_and_what_is_not_there() {
+fn several_files_are_inspected_and_missing_ones_reported() {
     let place = workplace();
     let arguments = ["inspect", "scene.json", "nowhere.exr", "words.txt", ".", "--json"];
     std::fs::write(place.path().join("words.txt"), "only words\n").unwrap();
@@ -87,7 +87,7 @@ fn many_files_at_once_and_what_is_not_there() {
     assert!(problem(2).contains("only words"), "{object:#}");
     assert!(problem(3).contains("neither a run"), "{object:#}");
     run_in(place.path(), &["inspect"]).expect(2);
-    // A device may never end.
+    // A device may have no end.
     let device = run_in(place.path(), &["inspect", "/dev/zero"]).expect(4);
     assert!(device.stdout.contains("neither a file"), "{device:?}");
 }

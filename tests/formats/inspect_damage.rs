@@ -8,7 +8,7 @@ use crate::support::workplace::run_in;
 use serde_json::Value;
 use std::path::Path;
 
-/// Output of `inspect` for a changed file; restores the file.
+/// Returns the output of `inspect` for a changed file; restores the file.
 fn inspect(
     folder: &Path,
     path: &Path,
@@ -88,7 +88,7 @@ fn cut_and_changed_files_are_explained() {
 }
 
 #[test]
-fn where_it_is_wrong_is_said() {
+fn problems_name_their_location() {
     let files = files();
     let folder = files.folder.path();
     let path = Path::new("runs/smoke/manifest.jsonl");
@@ -114,7 +114,7 @@ fn where_it_is_wrong_is_said() {
 }
 
 #[test]
-fn a_partial_under_another_name_is_found_out() {
+fn a_partial_under_another_name_is_detected() {
     let files = files();
     let folder = files.folder.path();
     let partials = folder.join("runs/smoke/partials/train-sample-000000");
@@ -124,7 +124,7 @@ fn a_partial_under_another_name_is_found_out() {
 }
 
 #[test]
-fn a_tuple_that_lacks_a_file_or_a_sample_that_lacks_a_picture() {
+fn an_incomplete_tuple_and_an_incomplete_sample_are_detected() {
     let files = files();
     let folder = files.folder.path();
     let tuple = folder.join("runs/smoke/tuples/train-sample-000000");
@@ -145,7 +145,7 @@ fn a_tuple_that_lacks_a_file_or_a_sample_that_lacks_a_picture() {
 
 #[cfg(feature = "train")]
 #[test]
-fn a_checkpoint_is_held_against_its_state() {
+fn a_checkpoint_is_compared_with_its_state() {
     let files = files();
     let folder = files.folder.path();
     let step = folder.join("runs/smoke/train/separation/step-0000002");

@@ -1,9 +1,9 @@
-//! Every kind of file: read back, inspected, exported, reported, and damaged.
+//! Reads back, inspects, exports, reports and damages every kind of file.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,
     clippy::print_stderr,
-    reason = "tests may panic in any function, damage files, and say why they cannot run here"
+    reason = "tests may panic in any function, damage files, and print why they are skipped"
 )]
 
 mod corpus;

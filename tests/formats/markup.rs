@@ -1,9 +1,9 @@
-//! The strict reader of pages (`support/markup.rs`) finds what browsers forgive.
+//! The strict reader of pages (`support/markup.rs`) rejects errors that browsers tolerate.
 
 use crate::support::markup::strictly;
 
 #[test]
-fn what_browsers_forgive_is_found() {
+fn errors_that_browsers_tolerate_are_rejected() {
     let page = |body: &str| {
         format!(
             "<!doctype html><html lang=\"en\"><head><title>x</title></head><body>{body}</body></html>"

@@ -1,8 +1,8 @@
-"""Reads an export with the packages that its users have, and compares every pixel with the run's tuples.
+"""Reads an export with common packages, and compares every pixel with the run's tuples.
 
     read_back.py WHAT RUN OUT
 
-WHAT is one of the functions below whose names begin with `read_`. Exit code 77: a package is not installed.
+WHAT is the name of a function below, without its prefix `read_`. Exit code 77: a package is not installed.
 """
 
 import io
@@ -20,14 +20,14 @@ PAIRS = {
     "clean_reflection": "clean_reflection_layer",
 }
 
-# Nothing of this is to touch the user's caches, or the network.
+# Keeps the packages from using the user's caches or the network.
 CACHE = tempfile.TemporaryDirectory()
 os.environ.update(HF_HOME=CACHE.name, HF_HUB_OFFLINE="1", HF_DATASETS_OFFLINE="1", CROISSANT_CACHE=CACHE.name)
 os.environ.update(HOME=CACHE.name, XDG_CACHE_HOME=CACHE.name, TOKENIZERS_PARALLELISM="false")
 
 
 def scenes(run, split=None):
-    """Scene lines of the manifest that have a tuple, by id."""
+    """Returns the scene lines of the manifest that have a tuple, by id."""
     found = {}
     for text in (run / "manifest.jsonl").read_text().splitlines():
         line = json.loads(text)
@@ -42,7 +42,7 @@ def layers_of(line):
 
 
 def coded(run, scene, layer):
-    """The tuple's own PNG."""
+    """Returns the pixels of the tuple's PNG."""
     import numpy
     from PIL import Image
 
@@ -50,7 +50,7 @@ def coded(run, scene, layer):
 
 
 def linear(run, scene, layer):
-    """The tuple's own EXR; halves stay halves."""
+    """Returns the pixels of the tuple's EXR; halves stay halves."""
     import numpy
     import OpenEXR
 
@@ -60,7 +60,7 @@ def linear(run, scene, layer):
 
 
 def srgb16(values):
-    """IEC 61966-2-1, 16 bit."""
+    """Encodes linear values by IEC 61966-2-1 in 16 bits."""
     import numpy
 
     x = numpy.clip(values.astype(numpy.float64), 0, 1)
@@ -69,7 +69,7 @@ def srgb16(values):
 
 
 def exr_pixels(data_or_path):
-    """Pixels of a file of one part with R, G, B."""
+    """Returns the pixels of a file with one part and the channels R, G, B."""
     import OpenEXR
 
     if isinstance(data_or_path, bytes):
@@ -89,7 +89,7 @@ def same(found, expected):
 
 
 def png16(data):
-    """A 16-bit PNG as OpenCV reads it, RGB."""
+    """Returns the RGB pixels that OpenCV reads from a 16-bit PNG."""
     import cv2
     import numpy
 
@@ -131,7 +131,7 @@ def read_webdataset_srgb16(run, out):
     count = 0
     for sample in webdataset.WebDataset(shards(out, "train"), shardshuffle=False):
         for layer in LAYERS:
-            # The power function here may differ in the last bit, and a code that lies half way with it.
+            # The power function may differ in the last bit, so that a value between two codes rounds differently.
             found = png16(sample[f"{layer}.png"]).astype(numpy.int32)
             expected = srgb16(linear(run, sample["__key__"], layer)).astype(numpy.int32)
             assert found.shape == expected.shape and numpy.abs(found - expected).max() <= 1
@@ -152,7 +152,7 @@ def read_webdataset_linear(run, out):
 
 
 def read_loader(run, out):
-    """Through a DataLoader of torch with workers: each tuple once."""
+    """Reads with a torch DataLoader with workers; each tuple occurs once."""
     import numpy
     import torch
     import webdataset
@@ -198,14 +198,14 @@ def check_rows(run, dataset):
 def read_imagefolder(run, out):
     from datasets import load_dataset
 
-    # By the name of the loader, and by the card's own header.
+    # `datasets` accepts the name of the loader, and finds the files by the card's header.
     count = check_rows(run, load_dataset("imagefolder", data_dir=str(out)))
     assert count == check_rows(run, load_dataset(str(out)))
     return count
 
 
 def read_hub_webdataset(run, out):
-    """`datasets` reads the tars by the card's header."""
+    """Reads the tars with `datasets`, which finds them by the card's header."""
     import numpy
     from datasets import load_dataset
 
@@ -251,7 +251,7 @@ def read_exr(run, out):
     for scene, line in scenes(run).items():
         with OpenEXR.File(str(out / line.get("split", "train") / f"{scene}.exr")) as file:
             parts = {part.name(): part for part in file.parts}
-            # One part has no need of a name.
+            # Even a single part has a name.
             assert list(parts) == [layer for layer in LAYERS if layer in layers_of(line)], list(parts)
             for layer, part in parts.items():
                 same(part.channels["RGB"].pixels, linear(run, scene, layer))

@@ -1,4 +1,4 @@
-//! The report of small runs: well formed, whole, and with the numbers of the tuples.
+//! The reports of small runs are well-formed and complete, and have the numbers of the tuples.
 
 use crate::support::markup::{all, one, strictly, values, words};
 use crate::support::outputs::{copy_folder, exr_channels, files, read_json, tuple_record};
@@ -25,7 +25,7 @@ const SECTIONS: [&str; 9] = [
     "again",
 ];
 
-/// A finished run, made once, and its folder's copy for one test.
+/// Returns a copy of the folder of a finished run. Renders the run once.
 pub(crate) fn finished() -> TempDir {
     static MADE: OnceLock<TempDir> = OnceLock::new();
     let made = MADE.get_or_init(|| {
@@ -38,7 +38,7 @@ pub(crate) fn finished() -> TempDir {
     copy
 }
 
-/// The new page of a run, and the command's output.
+/// Makes the report of a run; returns the page and the command's output.
 #[track_caller]
 pub(crate) fn report(run_folder: &Path, code: i32, more: &[&str]) -> (String, Value) {
     let arguments = [&["report", text(run_folder), "--json"][..], more].concat();
@@ -64,7 +64,7 @@ fn tuples(html: &Html) -> Vec<ElementRef<'_>> {
 }
 
 #[test]
-fn numbers_are_those_of_the_tuples() {
+fn the_report_has_the_numbers_of_the_tuples() {
     let folder = finished();
     let folder = folder.path();
     let (page, said) = report(folder, 0, &[]);
@@ -78,7 +78,7 @@ fn numbers_are_those_of_the_tuples() {
         assert_eq!(said[key], count, "{key}");
     }
     assert_eq!(said["damaged"], json!([]));
-    // `run` has written the same.
+    // `run` has written the same page.
     assert_eq!(report(folder, 0, &[]).0, page);
     let html = strictly(&page);
 
@@ -125,22 +125,22 @@ fn numbers_are_those_of_the_tuples() {
         errors.sort_by(f64::total_cmp);
         let row = values(one(&html, &format!("#errors-{layer}")));
         assert_eq!(row[1], errors[0], "{layer}");
-        assert_eq!(row[2], errors[2], "{layer}: the upper of two in the middle");
+        assert_eq!(row[2], errors[2], "{layer}: the upper of the two medians");
         assert_eq!(row[4], errors[SCENES - 1], "{layer}");
     }
-    // One worker, one scene at a point: each layer of each scene is in the cloud.
+    // With one worker, the plot has a point for each layer of each scene.
     let points = all(&html, "#errors circle").len();
     assert_eq!(points, 4 * SCENES);
 }
 
 #[test]
-fn a_worker_that_is_stopped_leaves_its_log() {
+fn a_stopped_worker_writes_its_log() {
     let place = place();
     place.plan();
     let mut child = command(&["work", text(&place.run), "-j", "1"]).spawn().unwrap();
     let partials = place.run.join("partials");
     if !wait_until(&mut child, || !files(&partials).is_empty()) {
-        eprintln!("skipped: it ended before it could be stopped");
+        eprintln!("skipped: the worker ended before its signal");
         return;
     }
     send(&child, "TERM");
@@ -169,7 +169,7 @@ fn a_worker_that_is_stopped_leaves_its_log() {
     let trace: f64 = logs.iter().map(|l| l["cpu_seconds"]["trace"].as_f64().unwrap()).sum();
     let shown = values(one(&html, "#stage-trace"))[0];
     assert!((shown - trace).abs() < 1e-9, "{shown} {trace}");
-    // Both have traced a part of some scene, and all of it is known.
+    // Two workers traced parts of a scene, and their logs have its whole cost.
     assert_eq!(all(&html, "#errors circle").len(), 4 * SCENES);
 }
 
@@ -209,14 +209,14 @@ fn half_done_and_damaged_runs_have_a_report() {
     assert_eq!(words(one(&html, "#quarantine td + td")), reason);
     assert!(page.contains("&lt;script&gt;alert(1)&lt;/script&gt; &amp; &quot;quotes&quot;"));
     assert!(words(one(&html, "h1")).contains("<b>&scenes"), "{page}");
-    // One sample has no halves, and layers that were not made have neither pictures nor maps.
+    // A single sample has no halves, and layers that are not rendered have neither pictures nor maps.
     assert!(!out.join("noise/single.exr").exists());
     assert!(words(one(&html, "#tuple-single")).contains("error unknown"));
     let some = words(one(&html, "#tuple-some"));
     assert!(some.contains("noise map T R"), "{some}");
     assert_eq!(exr_channels(&out.join("noise/some.exr")).len(), 2);
 
-    // A picture that was cut off, and a record that is none: named, and the others are shown.
+    // The report names a truncated picture and an invalid record, and shows the other tuples.
     let picture = out.join("tuples/torn/transmission.png");
     let bytes = std::fs::read(&picture).unwrap();
     std::fs::write(&picture, &bytes[..bytes.len() / 2]).unwrap();
@@ -253,7 +253,7 @@ fn a_run_in_a_store_has_the_same_page() {
     let (of_store, said) = report(&here, 0, &more);
     assert_eq!(PathBuf::from(said["report"].as_str().unwrap()), file);
     assert_eq!(of_store, page);
-    // Without --out the page is where one looks for it.
+    // Without --out, `report` writes the page to the run's folder.
     let (_, said) = report(&here, 0, &more[..2]);
     assert_eq!(said["report"], text(&here.join("report/index.html")));
     let would = run(&["report", text(&here), "-n", "--json"]).expect(0).json();

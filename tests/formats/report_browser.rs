@@ -1,4 +1,4 @@
-//! The report in a browser, where there is one: nothing is wider than a phone, and both colour schemes can be read.
+//! Opens the report in a browser, if one is installed: it fits a phone, and both colour schemes are readable.
 
 use crate::support::browser::browse;
 use crate::support::program::{run, text};
@@ -16,7 +16,7 @@ addEventListener("load", () => {
   const found = [...document.querySelectorAll("iframe")].map(frame => {
     const inside = frame.contentDocument, page = inside.documentElement;
     const style = frame.contentWindow.getComputedStyle(inside.body);
-    // What scrolls by itself may be wider inside.
+    // Elements that scroll may be wider inside.
     const wide = [...inside.body.querySelectorAll("*")].filter(e =>
       e.getBoundingClientRect().right > page.clientWidth + 1 && !e.closest(".box, pre"));
     return { scroll: page.scrollWidth, client: page.clientWidth, wide: wide.map(e => e.outerHTML.slice(0, 200)),
@@ -28,7 +28,7 @@ addEventListener("load", () => {
 });
 </script></body></html>"#;
 
-/// Relative luminance of `rgb(r, g, b)` (WCAG 2).
+/// Returns the relative luminance of `rgb(r, g, b)` (WCAG 2).
 fn luminance(colour: &str) -> f64 {
     let numbers = colour.trim_start_matches("rgb(").trim_end_matches(')');
     let linear: Vec<f64> = numbers
@@ -39,13 +39,13 @@ fn luminance(colour: &str) -> f64 {
 }
 
 #[test]
-fn the_report_suits_phones_and_both_colour_schemes() {
+fn the_report_fits_phones_and_is_readable_in_both_colour_schemes() {
     let place = place();
     run(&place.arguments("run", &[])).expect(0);
     let folder = place.run.join("report");
     std::fs::write(folder.join("measure.html"), MEASURE).unwrap();
     let mut pages = Vec::new();
-    // 0 is dark, 1 is light.
+    // Scheme 0 is dark, and scheme 1 is light.
     for scheme in ["0", "1"] {
         let url = format!("file://{}", text(&folder.join("measure.html")));
         let scheme = format!("--blink-settings=preferredColorScheme={scheme}");

@@ -1,4 +1,4 @@
-//! Noise maps: their sums, and that nothing depends on them.
+//! Noise maps add up to the stated errors, and no other file depends on them.
 
 use crate::report::{LAYERS, finished, report};
 use crate::support::markup::{all, strictly};
@@ -30,7 +30,7 @@ fn noise_maps_add_up_to_the_stated_errors() {
         }
     }
 
-    // Missing and damaged maps leave the report without them, and nothing else of the run depends on them.
+    // The report leaves out missing and damaged maps, and no other file of the run depends on them.
     let first = folder.join("noise").join(&maps[0]);
     std::fs::write(&first, b"no picture").unwrap();
     std::fs::remove_file(folder.join("noise").join(&maps[1])).unwrap();
@@ -46,11 +46,11 @@ fn noise_maps_add_up_to_the_stated_errors() {
     assert!(page.contains("No worker has left its log yet"));
     let again = run(&["work", text(folder), "--json"]).expect(0).json();
     assert_eq!(again["already_merged"], SCENES);
-    assert!(!folder.join("logs").exists(), "nothing was done");
+    assert!(!folder.join("logs").exists(), "an idle worker writes no log");
 }
 
 #[test]
-fn merging_and_making_anew_make_the_same_maps() {
+fn a_repeated_scene_has_the_same_map() {
     let folder = finished();
     let folder = folder.path();
     let map = folder.join("noise/train-sample-000001.exr");
@@ -60,7 +60,7 @@ fn merging_and_making_anew_make_the_same_maps() {
     run(&["work", text(folder), "-j", "1"]).expect(0);
     assert_eq!(std::fs::read(&map).unwrap(), before);
     assert_eq!(files(&folder.join("logs")).len(), 2);
-    // One scene was traced twice, so its cost is not the sum.
+    // One scene was traced twice, so that the sum of the logs is not its cost.
     let (page, _) = report(folder, 0, &[]);
     assert_eq!(all(&strictly(&page), "#errors circle").len(), 4 * (SCENES - 1));
     run(&["audit", text(folder), "--share", "1", "-q"]).expect(0);

@@ -1,4 +1,4 @@
-//! Small scenes in the words of the scene line, and their rendering.
+//! Small scenes with the parameters of a scene line, and their rendering.
 
 use glam::{DMat3, DVec3};
 use render::layer::PerLayer;
@@ -13,7 +13,7 @@ pub(crate) const T: usize = 1;
 pub(crate) const GLASS: usize = 2;
 pub(crate) const CLEAN: usize = 3;
 
-/// An RGBD photograph; intrinsics in pixels with the image's corner at (0, 0).
+/// An RGB-D photograph; intrinsics are in pixels with the image's corner at (0, 0).
 #[derive(Clone, Debug)]
 pub(crate) struct Photo {
     pub(crate) size: [usize; 2],
@@ -26,7 +26,7 @@ pub(crate) struct Photo {
 }
 
 impl Photo {
-    /// A photograph with half fields of view `tan`, by depth of pixel (i, j) and colour of texel (i, j).
+    /// Makes a photograph from the tangents of its half fields of view, and from depth and radiance at (i, j).
     pub(crate) fn new(
         size: [usize; 2],
         texture_size: [usize; 2],
@@ -51,7 +51,7 @@ impl Photo {
         }
     }
 
-    /// A plane at one depth and of one colour.
+    /// Makes a plane with constant depth and colour.
     pub(crate) fn flat(depth_m: f64, radiance: [f64; 3]) -> Self {
         Self::new([4, 4], [4, 4], [0.4; 2], |_, _| depth_m, |_, _| radiance)
     }
@@ -70,7 +70,7 @@ impl Photo {
     }
 }
 
-/// Where the back photograph was taken.
+/// Position of the back photograph's camera.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum Apex {
     Mirror,
@@ -124,14 +124,14 @@ impl Case {
         FilmPlane::tan_half_fov(self.film[0], self.film[1], self.focal_length_mm)
     }
 
-    /// Normal of the pane, and the distance of its front face.
+    /// Returns the normal of the pane, and the distance of its front face, m.
     pub(crate) fn pane(&self) -> (DVec3, f64) {
         let [pitch, yaw] = self.tilt_deg.map(f64::to_radians);
         let normal = DMat3::from_rotation_y(yaw) * (DMat3::from_rotation_x(pitch) * DVec3::Z);
         (normal, self.distance_m * normal.z)
     }
 
-    /// Smallest cosine of incidence over film, filter and lens.
+    /// Returns the smallest cosine of incidence over film, filter and lens.
     pub(crate) fn steepest_cos(&self) -> f64 {
         let (normal, _) = self.pane();
         let beyond_px = if self.gaussian { 2.0 } else { 0.0 };
@@ -147,7 +147,7 @@ impl Case {
             .fold(1.0, f64::min)
     }
 
-    /// Cosines of incidence over film and lens.
+    /// Returns cosines of incidence over film and lens.
     fn cosines(&self) -> Vec<f64> {
         let (normal, _) = self.pane();
         let [tx, ty] = self.tan_half_fov();
@@ -163,7 +163,7 @@ impl Case {
         cosines
     }
 
-    /// The scene as the tracer takes it.
+    /// Makes the tracer's scene.
     pub(crate) fn scene(&self) -> Scene {
         let (normal, distance_m) = self.pane();
         let slab = Slab {
@@ -174,8 +174,8 @@ impl Case {
             absorption_per_m: self.absorption_per_m,
         };
         let front = self.front.view(Pose::Aligned { extra_m: 0.0 }, false);
-        // Mirrored coordinates X' = M X + 2 D n; apex `camera` sees diag(-1, 1, -1) (M X' + 2 D n), and the view's
-        // negative focal length takes the sign of x.
+        // Mirrored coordinates are X' = M X + 2 D n; those of apex `camera` are diag(-1, 1, -1) (M X' + 2 D n), where
+        // the view's negative focal length takes the sign of x.
         let pose = match self.apex {
             Apex::Mirror => Pose::Aligned { extra_m: 0.0 },
             Apex::Camera if normal == DVec3::Z => Pose::Aligned { extra_m: 2.0 * distance_m },
@@ -219,7 +219,7 @@ impl Case {
         }
     }
 
-    /// All pixels, all samples.
+    /// Renders all pixels with all samples.
     pub(crate) fn render(&self) -> Vec<PixelMeans> {
         whole_film(&self.scene(), Isa::detect()).pixels
     }
@@ -231,7 +231,7 @@ pub(crate) fn whole_film(scene: &Scene, isa: Isa) -> TileResult {
     trace_tile(scene, tile, 0..scene.spp, isa)
 }
 
-/// A number in [0, 1) from three integers: the rough surfaces of the tests.
+/// Returns a random number in [0, 1), determined by three integers, for rough surfaces.
 pub(crate) fn noise(i: usize, j: usize, k: u64) -> f64 {
     let mut x = (i as u64) << 40 ^ (j as u64) << 16 ^ k.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     for _ in 0..2 {

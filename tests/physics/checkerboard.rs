@@ -1,21 +1,21 @@
-//! A checkerboard at the Nyquist frequency, seen through boxes of m texels: R in closed form.
+//! R of a checkerboard at the Nyquist frequency, through boxes of m texels, has a closed form.
 
 use crate::case::{CLEAN, Case, Photo};
 
-/// Integral of the triangle wave (period 2, 1 at even and -1 at odd integers) from 0: odd, of period 2.
+/// Integrates the triangle wave (period 2, 1 at even and -1 at odd integers) from 0; the result is odd, with period 2.
 fn integral(x: f64) -> f64 {
     let r = x.abs() % 2.0;
     let value = if r <= 1.0 { r - r * r } else { (r - 1.0) * (r - 2.0) };
     value * x.signum()
 }
 
-/// Mean of the wave over a box of `m` texels about `c`.
+/// Returns the mean of the wave over a box of `m` texels around `c`.
 fn mean(c: f64, m: f64) -> f64 {
     (integral(c + m / 2.0) - integral(c - m / 2.0)) / m
 }
 
 #[test]
-fn the_wave_has_the_values_on_paper() {
+fn means_match_values_computed_by_hand() {
     for (c, m, expected) in
         [(0.0, 1.0, 0.5), (0.0, 2.0, 0.0), (0.0, 3.0, -1.0 / 6.0), (0.3, 1.7, 0.070_588)]
     {
@@ -50,7 +50,7 @@ fn clean_reflection_is_the_box_filtered_photograph() {
             }
         }
         println!("checkerboard, {m:.2} texels a pixel: {worst:.1e}");
-        // 1,024 points over at most three texels.
+        // R takes 1,024 points over at most three texels.
         assert!(worst < 3e-3);
     }
 }

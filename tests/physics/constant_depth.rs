@@ -1,7 +1,7 @@
-//! Planes parallel to the film with a linear ramp of radiance: every layer is a formula on paper.
+//! For planes parallel to the film with a linear ramp of radiance, every layer has a closed form.
 //!
 //! A line shifted by kappa along the normal n meets the plane z = Z at X = p (Z - kappa n_z) + kappa (n_x, n_y),
-//! and the mean over the lens is that of its centre, whatever aperture and focus.
+//! and the mean over the lens equals the value at its centre for every aperture and focus.
 
 use crate::case::{Apex, CLEAN, Case, GLASS, I, Photo, T};
 use glam::{DVec2, DVec3};
@@ -14,7 +14,7 @@ fn slope(c: usize) -> DVec2 {
     [DVec2::new(0.21, 0.05), DVec2::new(-0.12, 0.3), DVec2::new(0.0, -0.25)][c]
 }
 
-/// Radiance `OFFSET + slope . (X, Y)` on a plane at `depth_m`.
+/// Makes a plane at `depth_m` with radiance `OFFSET + slope . (X, Y)`.
 fn ramp(depth_m: f64) -> Photo {
     const SIZE: usize = 64;
     const TAN: f64 = 0.5;
@@ -28,13 +28,13 @@ fn ramp(depth_m: f64) -> Photo {
     )
 }
 
-/// Where an order's line through the lens centre meets the plane z = `depth_m`.
+/// Returns the point where an order's line through the lens centre meets the plane z = `depth_m`.
 fn landing(case: &Case, p: DVec2, kappa: f64, depth_m: f64) -> DVec2 {
     let (n, _) = case.pane();
     p * (depth_m - kappa * n.z) + kappa * n.truncate()
 }
 
-/// Largest deviations of the four layers from the formulas.
+/// Returns the largest deviations of the four layers from the formulas.
 fn deviations(case: &Case) -> [f64; 4] {
     let scene = case.scene();
     let (n, _) = case.pane();
@@ -118,7 +118,7 @@ fn ramps_do_not_depend_on_focus_and_aperture() {
 }
 
 #[test]
-fn ramps_behind_tilted_panes() {
+fn ramps_behind_tilted_panes_match_the_formulas() {
     for (tilt_deg, thickness_m) in [([0.0, 25.0], 0.01), ([-30.0, 12.0], 0.05), ([8.0, -45.0], 0.1)]
     {
         let mut case = case();
@@ -128,12 +128,12 @@ fn ramps_behind_tilted_panes() {
     }
 }
 
-/// Seen from the lens's own place, an untilted pane shows the back plane at the mirrored distance.
+/// From the position of the lens, an untilted pane shows the back plane at the mirrored distance.
 #[test]
-fn ramps_seen_from_apex_camera() {
+fn ramps_from_apex_camera_match_those_from_apex_mirror() {
     let mut mirror = case();
     mirror.aperture_m = 0.0;
-    // The capture camera stands 2 D further from the mirrored plane's image.
+    // The lens is 2 D nearer to the back plane than its mirror image.
     let mut camera = mirror.clone();
     camera.apex = Apex::Camera;
     camera.back = ramp(DEPTH_M - 0.6);
@@ -151,7 +151,7 @@ fn ramps_seen_from_apex_camera() {
 }
 
 #[test]
-fn glass_like_air_is_not_there() {
+fn glass_with_the_ior_of_air_has_no_effect() {
     let mut case = case();
     case.ior = 1.0;
     case.tilt_deg = [10.0, 20.0];
@@ -180,12 +180,12 @@ fn thin_glass_splits_light_and_bends_nothing() {
         }
     }
     println!("thickness 0, near normal incidence: {worst:.1e}");
-    // Dropped: t_2.. and r_3.., 1e-5 together.
+    // The dropped orders t_2.. and r_3.. amount to 1e-5.
     assert!(worst < 4e-5);
     check("thickness 0", &case);
 }
 
-/// Constant planes at aperture 0, seen straight on.
+/// Renders constant planes at aperture 0 and normal incidence.
 #[test]
 fn constant_planes_mix_by_the_totals() {
     let mut case = Case::new(Photo::flat(3.0, [0.8, 0.4, 0.1]), Photo::flat(1.5, [0.2, 1.0, 0.5]));

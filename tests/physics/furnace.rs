@@ -77,7 +77,7 @@ fn absorbing_glass_passes_its_closed_totals() {
 
 /// With a black back side, the input equals `input - glass_reflection` of the full scene: the front through the glass.
 #[test]
-fn input_less_reflection_is_the_front_through_the_glass() {
+fn input_minus_reflection_is_the_front_through_the_glass() {
     let mut case = Case::new(bumpy(3, false), bumpy(4, false));
     case.film = [11, 8];
     case.tilt_deg = [5.0, -15.0];

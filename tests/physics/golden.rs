@@ -1,7 +1,7 @@
-//! The golden scenes against their own images at 65,536 samples, `tests/physics/golden/NAME.npy`.
+//! Compares the golden scenes with their images at 65,536 samples, `tests/physics/golden/NAME.npy`.
 //!
-//! An image is float32 of shape (10, 16, 12): rows, columns, red, green and blue of I, T, R~, R. To make them again
-//! after a change of the scenes or of the physics (not of rounding), and to see the errors:
+//! An image is float32 of shape (10, 16, 12): rows, columns, red, green and blue of I, T, R~, R. These commands make
+//! the images again after a change of the scenes or of the physics (not of rounding), and print the errors:
 //!
 //! ```text
 //! cargo test --release --test physics golden::references_are_made -- --ignored
@@ -16,8 +16,8 @@ use std::path::{Path, PathBuf};
 
 const REFERENCE_SPP: u32 = 65_536;
 
-/// Largest RMSE of a scene at its own samples over the RMS of its reference, of the layers I, T, R~, R: a quarter
-/// above what this tracer has.
+/// Limits of the RMSE of a scene at its own samples, relative to the RMS of its reference, for the layers I, T, R~, R:
+/// 25 % above the measured values.
 #[rustfmt::skip]
 const BOUNDS: &[(&str, [f64; 4])] = &[
     ("mirror", [2.08e-2, 2.25e-2, 3.81e-2, 4.99e-3]),
@@ -40,7 +40,7 @@ fn path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/physics/golden/{name}.npy"))
 }
 
-/// Mean of all samples, range by range as a run would take them: twelve values a pixel.
+/// Renders the mean of all samples, range by range as in a run, with twelve values per pixel.
 fn render(scene: &Scene) -> Vec<f64> {
     let (tile, ranges) = whole(scene);
     let mut sums = vec![0.0; (tile.width * tile.height) as usize * 12];
@@ -57,7 +57,7 @@ fn render(scene: &Scene) -> Vec<f64> {
             }
         }
     }
-    // A layer that is not asked for has no samples and is 0.
+    // A layer that is not rendered has no samples and is 0.
     let divide = |(k, sum): (usize, f64)| sum / f64::from(samples[k % 12 / 3].max(1));
     sums.into_iter().enumerate().map(divide).collect()
 }
@@ -74,7 +74,7 @@ fn read_reference(name: &str) -> Vec<f64> {
     file.into_vec::<f32>().expect("float32").into_iter().map(f64::from).collect()
 }
 
-/// RMS difference of a layer, over the RMS of its reference (of an empty layer, the difference itself).
+/// Returns the RMS difference of a layer over the RMS of its reference, or the RMS difference of an empty layer.
 fn relative_rmse(image: &[f64], reference: &[f64], layer: usize) -> f64 {
     let of_layer = |k: &usize| k % 12 / 3 == layer;
     let rms = |value: &dyn Fn(usize) -> f64| {
@@ -96,7 +96,7 @@ fn scenes_are_near_their_references() {
         let reference = read_reference(golden.name);
         let found = [0, 1, 2, 3].map(|layer| relative_rmse(&image, &reference, layer));
         println!("{:24} {}", golden.name, found.map(|v| format!("{v:9.2e}")).join(" "));
-        // Half a step of f32 for a layer that is exact.
+        // Exact layers have a bound of 1e-6, for rounding to f32.
         let row = found.map(|v| format!("{:.2e}", (1.25 * v).max(1e-6))).join(", ");
         let _ = writeln!(table, "    (\"{}\", [{row}]),", golden.name);
         let bound = BOUNDS.iter().find(|(name, _)| *name == golden.name);
@@ -107,13 +107,13 @@ fn scenes_are_near_their_references() {
     }
     assert!(
         failures.is_empty(),
-        "farther from their references than BOUNDS of tests/physics/golden.rs: {failures:?}; as measured, a quarter more:\n{table}"
+        "farther from their references than BOUNDS of tests/physics/golden.rs: {failures:?}; measured values plus 25 %:\n{table}"
     );
 }
 
-/// A scene at four times its samples is nearer to its reference, and its reference is not just itself.
+/// A scene with 256 samples is closer to its reference than with 16, and the reference is another image.
 #[test]
-fn references_are_where_scenes_go() {
+fn scenes_converge_to_their_references() {
     for golden in golden_scenes() {
         let reference = read_reference(golden.name);
         let error = |spp: u32| {
@@ -130,7 +130,7 @@ fn references_are_where_scenes_go() {
     }
 }
 
-/// Writes `tests/physics/golden/*.npy`: a minute of a core. The seed is another one than the scenes' own.
+/// Writes `tests/physics/golden/*.npy` in a minute on one core. The seeds differ from those of the scenes.
 #[test]
 #[ignore = "writes the references"]
 fn references_are_made() {

@@ -1,16 +1,16 @@
-//! Extreme depths, lights, tilts and sizes: pixels are finite and not negative, and rendering ends.
+//! Renders extreme depths, lights, tilts and sizes: pixels are finite and not negative, and rendering ends.
 
 use crate::case::{Apex, CLEAN, Case, Photo, T, noise, whole_film};
 use render::trace::Isa;
 use std::sync::mpsc;
 use std::time::Duration;
 
-/// Renders within ten seconds, or fails; checks that every value is finite and in [0, `limit`].
+/// Renders a case; asserts that this takes at most ten seconds and that every value is in [0, `limit`].
 fn survives(name: &str, case: &Case, limit: f32) -> Vec<render::trace::PixelMeans> {
     let (sender, receiver) = mpsc::channel();
     let moved = case.clone();
     std::thread::spawn(move || {
-        // The receiver may have given up.
+        // The receiver is gone after a timeout.
         let _ = sender.send(whole_film(&moved.scene(), Isa::detect()));
     });
     let result = receiver
@@ -37,7 +37,7 @@ fn ordinary() -> Case {
 }
 
 #[test]
-fn millimetres_beside_a_hundred_kilometres() {
+fn depths_from_1_mm_to_100_km_render() {
     let extreme = |x: f64| {
         if x < 0.1 {
             1e-3
@@ -63,7 +63,7 @@ fn millimetres_beside_a_hundred_kilometres() {
 }
 
 #[test]
-fn photographs_of_one_pixel_or_one_row() {
+fn photographs_of_one_pixel_or_one_row_render() {
     for size in [[1, 1], [1, 7], [7, 1]] {
         for apex in [Apex::Mirror, Apex::Camera] {
             let photo = Photo::new(
@@ -85,7 +85,7 @@ fn photographs_of_one_pixel_or_one_row() {
 }
 
 #[test]
-fn films_of_one_pixel_or_one_row() {
+fn films_of_one_pixel_or_one_row_render() {
     for film in [[1, 1], [1, 9], [9, 1]] {
         let mut case = ordinary();
         case.film = film;
@@ -95,7 +95,7 @@ fn films_of_one_pixel_or_one_row() {
 }
 
 #[test]
-fn a_light_of_a_million() {
+fn a_light_of_a_million_renders() {
     let mut case = ordinary();
     for photo in [&mut case.front, &mut case.back] {
         photo.texels[200] = [1e6, 2e6, 1e6, 0.0];
@@ -107,7 +107,7 @@ fn a_light_of_a_million() {
 }
 
 #[test]
-fn steep_panes() {
+fn steep_panes_render() {
     for (tilt_deg, focal_length_mm) in
         [([0.0, 80.0], 300.0), ([60.0, 0.0], 55.0), ([0.0, -60.0], 55.0), ([-40.0, 40.0], 55.0)]
     {
@@ -117,10 +117,10 @@ fn steep_panes() {
     }
 }
 
-/// With apex `camera`, a pane at 45 degrees turns the view by 90: lines of sight run along the capture camera's
-/// own plane, or away from its photograph.
+/// With apex `camera`, a pane at 45 degrees turns the view by 90 degrees: rays are parallel to the capture camera's
+/// image plane, or point away from its photograph.
 #[test]
-fn panes_that_turn_the_view_away_from_the_photograph() {
+fn panes_that_turn_the_view_away_from_the_photograph_render() {
     for tilt_deg in [[0.0, 45.0], [45.0, 0.0], [0.0, 38.0], [0.0, 60.0], [-40.0, 40.0], [0.0, 80.0]]
     {
         let mut case = ordinary();

@@ -1,4 +1,4 @@
-//! Bits depend on scene and samples alone: not on instruction set, tile or how a range is cut.
+//! Bits depend only on scene and samples, and not on instruction set, tiles or the division into ranges.
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::mesh::rooms;
@@ -31,7 +31,7 @@ pub(crate) fn bits(pixels: &[PixelMeans]) -> Vec<u32> {
     pixels.iter().flat_map(PixelMeans::values).map(f32::to_bits).collect()
 }
 
-/// The film in tiles of `side`, put together again.
+/// Traces the film in tiles of `side` px, and assembles it.
 pub(crate) fn tiled(scene: &Scene, side: u32, isa: Isa) -> Vec<PixelMeans> {
     let (w, h) = (scene.film.width, scene.film.height);
     let mut film = vec![PixelMeans::default(); (w * h) as usize];
@@ -65,13 +65,13 @@ fn instruction_sets_and_tiles_give_the_same_bits() {
     }
 }
 
-/// A film that is no whole number of cells, tiles of one cell and more.
+/// The film is not a whole number of cells, and tiles have one or more cells.
 #[test]
 fn adaptive_pixels_depend_on_neither_tiles_nor_instruction_sets() {
     for mut case in cases() {
         (case.film, case.spp) = ([43, 21], 256);
         for mut scene in [case.scene(), rooms(&case)] {
-            // Cells stop one by one: the first target at which not all do at once.
+            // Finds a target at which some cells stop early and others do not.
             let mut target = 0.08;
             let result = loop {
                 scene.target_error = Some(target);
@@ -142,7 +142,7 @@ fn every_power_of_two_of_samples_renders() {
     }
 }
 
-/// Four ranges of 256, weighted by their counts, are the range of 1,024; the first half is the first two.
+/// Four ranges of 256, weighted by their counts, equal the range of 1,024; the first two equal its first half.
 #[test]
 fn ranges_of_256_merge() {
     for mut case in cases() {

@@ -1,10 +1,10 @@
-//! The physics of the four layers against independent f64 code: vectors, explicit planes, brute force.
+//! Compares the physics of the four layers with independent f64 code: vectors, explicit planes, brute force.
 //!
-//! Nothing here uses the closed forms of `src/trace` to check themselves: expected values come from a ray followed
-//! face by face ([`optics`]), from a renderer that tries every triangle ([`reference`]), or from a formula on paper.
+//! No test checks the closed forms of `src/render/trace` against themselves: expected values come from a ray followed
+//! face by face ([`optics`]), from a renderer that tries every triangle ([`reference`]), or from a separate formula.
 
 #![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
-#![allow(clippy::items_after_statements, reason = "a test's constants stand where they are used")]
+#![allow(clippy::items_after_statements, reason = "constants of a test are next to their use")]
 
 mod case;
 mod checkerboard;

@@ -1,4 +1,4 @@
-//! Triangle meshes: closed forms, and the same pixels as the depth image that they were made of.
+//! Compares triangle meshes with closed forms, and with the depth images that they are made of.
 
 use crate::case::{Apex, CLEAN, Case, GLASS, I, Photo, T, noise, whole_film};
 use glam::{DMat3, DVec3};
@@ -8,13 +8,13 @@ use std::f64::consts::PI;
 /// Names of the layers, for messages.
 const NAMES: [&str; 4] = ["I", "T", "R~", "R"];
 
-/// A sphere of longitudes and latitudes.
+/// Makes a sphere of longitudes and latitudes.
 fn sphere(center: DVec3, radius_m: f64, steps: usize) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let vertices = (0..=steps)
         .flat_map(|j| (0..2 * steps).map(move |i| (i, j)))
         .map(|(i, j)| {
             let (sin, cos) = (PI * j as f64 / steps as f64).sin_cos();
-            // sin(pi) is not quite 0, and a ray along the axis would find that hole.
+            // sin(pi) is not exactly 0, so that a ray along the axis would pass through a hole.
             let sin = if j == steps { 0.0 } else { sin };
             let (y, x) = (PI * i as f64 / steps as f64).sin_cos();
             center + radius_m * DVec3::new(sin * x, sin * y, cos)
@@ -32,12 +32,12 @@ fn sphere(center: DVec3, radius_m: f64, steps: usize) -> (Vec<DVec3>, Vec<[u32; 
     (vertices, triangles)
 }
 
-/// A room of uneven walls around the lens: a sphere with noise, turned.
+/// Makes a room with uneven walls around the lens: a rotated sphere with noise.
 fn room(key: u64, white: bool) -> Mesh {
     let (mut vertices, triangles) = sphere(DVec3::ZERO, 1.0, 12);
     let turn = DMat3::from_rotation_x(0.7) * DMat3::from_rotation_y(key as f64);
     for (q, v) in vertices.iter_mut().enumerate() {
-        // The poles and the seam are many vertices at one place: the same noise there.
+        // The vertices of a pole are at one place and need the same noise.
         let [i, j] = [q % 24, q / 24];
         let i = if j == 0 || j == 12 { 0 } else { i };
         *v = turn * *v * (1.0 + 2.0 * noise(i, j, key)) + DVec3::new(0.1, -0.2, 0.3);
@@ -54,7 +54,7 @@ fn case_without_photographs() -> Case {
     Case::new(Photo::flat(2.0, [1.0; 3]), Photo::flat(2.0, [1.0; 3]))
 }
 
-/// Colourful rooms on both sides, for other modules.
+/// Makes a scene with colourful rooms on both sides.
 pub(crate) fn rooms(case: &Case) -> Scene {
     let mut scene = case.scene();
     scene.front = room(5, false).into();
@@ -89,9 +89,9 @@ fn white_rooms_stay_white() {
     }
 }
 
-/// A sphere seen through a pinhole covers an ellipse of known area, and begins at a known depth.
+/// A sphere seen through a pinhole covers an ellipse of known area, and its nearest point has a known depth.
 #[test]
-fn a_sphere_has_its_size_and_depth() {
+fn a_sphere_has_the_expected_size_and_depth() {
     let mut case = case_without_photographs();
     (case.film, case.aperture_m, case.thickness_m, case.spp) = ([64, 64], 0.0, 0.0, 256);
     let pixel = 2.0 * case.tan_half_fov()[0] / 64.0;
@@ -117,7 +117,7 @@ fn a_sphere_has_its_size_and_depth() {
             let error = sum * pixel * pixel / area - 1.0;
             println!("{center}, {}: area off by {error:.1e}", NAMES[layer]);
             assert!(error.abs() < 5e-4);
-            // Each path sees white or nothing.
+            // Each path hits white or nothing.
             let met = result.paths.0[layer] - result.misses.0[layer];
             let share = met as f64 / result.paths.0[layer] as f64;
             assert!((share * 4096.0 / sum - 1.0).abs() < 1e-6);
@@ -129,7 +129,7 @@ fn a_sphere_has_its_size_and_depth() {
     }
 }
 
-/// A wavy wall whose colour changes slowly.
+/// Makes a wavy wall with slowly varying colour.
 fn wavy(key: f64) -> Photo {
     let at = |i: usize, j: usize| (i as f64 / 159.0, j as f64 / 119.0);
     Photo::new(
@@ -147,7 +147,7 @@ fn wavy(key: f64) -> Photo {
     )
 }
 
-/// The photograph's sheet as a mesh: every quad cut along (i + 1, j)-(i, j + 1), the texels at the corners.
+/// Converts the photograph's sheet to a mesh with quads split along (i + 1, j)-(i, j + 1) and texels at the corners.
 fn mesh_of(photo: &Photo, place: impl Fn(DVec3) -> DVec3) -> Mesh {
     let [nx, ny] = photo.size;
     let vertices: Vec<DVec3> = photo
@@ -170,8 +170,8 @@ fn mesh_of(photo: &Photo, place: impl Fn(DVec3) -> DVec3) -> Mesh {
     Mesh::new(&vertices, photo.texels.clone(), &triangles, 0.02)
 }
 
-/// Whole pixels of all four layers, grid kernel against mesh: they share the camera samples, so only their surfaces
-/// can differ, where colours are interpolated in the picture by one and in space by the other.
+/// Compares the pixels of the grid kernel and of a mesh. Both have the same camera samples, so that only the colours
+/// differ: the grid interpolates them in the picture, the mesh in space.
 #[test]
 fn a_photograph_and_its_mesh_give_the_same_pixels() {
     let mut case = Case::new(wavy(0.3), wavy(1.7));
@@ -185,7 +185,7 @@ fn a_photograph_and_its_mesh_give_the_same_pixels() {
         (case.tilt_deg, case.apex) = (tilt_deg, apex);
         case.absorption_per_m = [0.0, 2.0, 8.0];
         let (normal, distance_m) = case.pane();
-        // Into the world that is mirrored in the front face.
+        // Transforms a point to the world mirrored in the front face.
         let into_mirror = |x: DVec3| match apex {
             Apex::Mirror => DVec3::new(-x.x, x.y, x.z),
             Apex::Camera => {

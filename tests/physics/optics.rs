@@ -1,9 +1,9 @@
-//! One ray, face by face: Snell's law in vectors, Fresnel amplitudes of both polarisations, two explicit planes.
+//! Follows a ray face by face: Snell's law in vectors, Fresnel amplitudes of both polarisations, two explicit planes.
 
 use glam::DVec3;
 use render::trace::Order;
 
-/// A pane as two planes.
+/// A pane of two planes.
 #[derive(Clone, Copy)]
 pub(crate) struct Pane {
     pub(crate) normal: DVec3,
@@ -13,7 +13,7 @@ pub(crate) struct Pane {
     pub(crate) absorption_per_m: [f64; 3],
 }
 
-/// A ray that has left the pane, with the share of either polarisation's power, for each colour.
+/// A ray that has left the pane, with the share of power for each polarisation and colour.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Exit {
     pub(crate) point: DVec3,
@@ -22,16 +22,16 @@ pub(crate) struct Exit {
 }
 
 impl Exit {
-    /// Weight for unpolarised light.
+    /// Returns the weight for unpolarised light.
     pub(crate) fn weight(&self) -> [f64; 3] {
         [0, 1, 2].map(|c| 0.5 * (self.share[0][c] + self.share[1][c]))
     }
 }
 
-/// Refracted direction and reflectances (s, p) of a face with `normal` on the far side, from `n1` into `n2`.
+/// Returns refracted direction and reflectances (s, p) of a face, from `n1` into `n2`; `normal` is on the far side.
 fn face(d: DVec3, normal: DVec3, n1: f64, n2: f64) -> (DVec3, [f64; 2]) {
     let cos_i = d.dot(normal);
-    // |d x n| keeps its digits at small angles, where 1 - cos^2 loses them.
+    // |d x n| is accurate at small angles, where 1 - cos^2 loses digits.
     let sin_t = n1 / n2 * d.cross(normal).length();
     let cos_t = ((1.0 - sin_t) * (1.0 + sin_t)).sqrt();
     let r_s = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t);
@@ -45,7 +45,7 @@ fn mirrored(d: DVec3, normal: DVec3) -> DVec3 {
 }
 
 impl Pane {
-    /// The first `count` transmitted and reflected orders of the ray from `origin` along unit `d`.
+    /// Returns the first `count` transmitted and reflected orders of the ray from `origin` along unit `d`.
     pub(crate) fn follow(&self, origin: DVec3, d: DVec3, count: usize) -> [Vec<Exit>; 2] {
         let n = self.normal;
         let to_plane = |p: DVec3, d: DVec3, distance: f64| (distance - p.dot(n)) / d.dot(n);
@@ -83,7 +83,7 @@ impl Pane {
         [transmitted, reflected]
     }
 
-    /// One order of [`Pane::follow`].
+    /// Returns one order of [`Pane::follow`].
     pub(crate) fn exit(&self, origin: DVec3, d: DVec3, order: Order) -> Exit {
         match order {
             Order::Transmitted(k) => self.follow(origin, d, k as usize + 1)[0][k as usize],

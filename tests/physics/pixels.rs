@@ -1,10 +1,10 @@
-//! Whole pixels against the brute-force renderer, on rough scenes: intersections, optics, lens, colour at once.
+//! Compares pixels of rough scenes with the brute-force renderer: intersections, optics, lens and colour together.
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::reference::Reference;
 use render::trace::Isa;
 
-/// Steps, noise, or a smooth surface.
+/// Shape of a surface.
 #[derive(Clone, Copy)]
 enum Relief {
     Steps,
@@ -21,12 +21,12 @@ fn rough(size: [usize; 2], texture: [usize; 2], relief: Relief, key: u64) -> Pho
             Relief::Smooth => 2.0 + 0.6 * (0.7 * x).sin() + 0.5 * (0.5 * y + 0.3 * x).cos(),
         }
     };
-    // A photograph that is narrower than the film: its border's continuation is seen.
+    // The photograph is narrower than the film, so that rays also hit the continuation of its border.
     let colour = |i: usize, j: usize| [0, 1, 2].map(|c| noise(i, j, key + 17 + c));
     Photo::new(size, texture, [0.24, 0.22], depth, colour)
 }
 
-/// Largest differences over layers and colours, and all differences, of every `step`-th pixel of every `step`-th row.
+/// Returns the largest difference of each pixel, and all differences, for each `step`-th pixel of each `step`-th row.
 fn differences(case: &Case, step: u32) -> (Vec<f64>, Vec<f64>) {
     let scene = case.scene();
     let rendered = whole_film(&scene, Isa::detect()).pixels;
@@ -53,7 +53,7 @@ fn differences(case: &Case, step: u32) -> (Vec<f64>, Vec<f64>) {
     (largest, all)
 }
 
-/// Renders, and compares every third pixel of every third row.
+/// Renders a case, and compares every third pixel of every third row.
 pub(crate) fn compare(name: &str, case: &Case) {
     let (largest, all) = differences(case, 3);
     let mean = all.iter().sum::<f64>() / all.len() as f64;
@@ -66,8 +66,8 @@ pub(crate) fn compare(name: &str, case: &Case) {
     );
     assert!(mean <= 1e-6, "{name}: mean difference {mean}");
     assert!(close * 10 >= largest.len() * 9, "{name}: {largest:?}");
-    // A ray within f32 rounding of a depth edge may fall on its other side: then one sample changes by at most the
-    // largest radiance, 1, of the weakest order's samples: two such flips in one pixel are allowed.
+    // Rounding to f32 may move a ray across a depth edge, which changes a sample by at most the largest radiance, 1.
+    // The limit allows two such changes in a pixel, for the order with the fewest samples.
     let flip = 1.0 / f64::from(case.spp / 2);
     assert!(worst <= 2.0 * flip, "{name}: worst {worst}");
 }
@@ -82,19 +82,19 @@ fn case(front: Relief, back: Relief) -> Case {
 }
 
 #[test]
-fn steps_untilted_mirror() {
+fn steps_match_with_apex_mirror() {
     compare("steps, mirror", &case(Relief::Steps, Relief::Steps));
 }
 
 #[test]
-fn noise_untilted_camera() {
+fn noise_matches_with_apex_camera() {
     let mut case = case(Relief::Noise, Relief::Noise);
     case.apex = Apex::Camera;
     compare("noise, camera", &case);
 }
 
 #[test]
-fn smooth_at_256_samples_with_gaussian_filter() {
+fn smooth_surfaces_match_with_the_gaussian_filter() {
     let mut case = case(Relief::Smooth, Relief::Smooth);
     case.spp = 256;
     case.gaussian = true;
@@ -102,7 +102,7 @@ fn smooth_at_256_samples_with_gaussian_filter() {
 }
 
 #[test]
-fn tilted_mirror_with_absorption() {
+fn tilted_absorbing_panes_match_with_apex_mirror() {
     let mut case = case(Relief::Steps, Relief::Noise);
     case.tilt_deg = [30.0, -30.0];
     case.absorption_per_m = [0.0, 5.0, 40.0];
@@ -112,7 +112,7 @@ fn tilted_mirror_with_absorption() {
 }
 
 #[test]
-fn tilted_camera() {
+fn tilted_panes_match_with_apex_camera() {
     let mut case = case(Relief::Steps, Relief::Steps);
     case.apex = Apex::Camera;
     case.tilt_deg = [-12.0, 20.0];
@@ -121,7 +121,7 @@ fn tilted_camera() {
 }
 
 #[test]
-fn tilted_camera_on_smooth_surfaces() {
+fn smooth_surfaces_match_with_a_tilted_pane_and_apex_camera() {
     let mut case = case(Relief::Smooth, Relief::Smooth);
     case.apex = Apex::Camera;
     case.tilt_deg = [25.0, 10.0];
@@ -131,7 +131,7 @@ fn tilted_camera_on_smooth_surfaces() {
 }
 
 #[test]
-fn thick_glass_wide_lens_near_focus() {
+fn thick_glass_matches_with_a_wide_lens_and_near_focus() {
     let mut case = case(Relief::Noise, Relief::Steps);
     case.aperture_m = 0.04;
     case.focus_m = 0.9;
@@ -141,16 +141,16 @@ fn thick_glass_wide_lens_near_focus() {
 }
 
 #[test]
-fn weak_orders_over_several_blocks() {
+fn weak_orders_match_over_several_blocks() {
     let mut case = case(Relief::Smooth, Relief::Steps);
     case.spp = 512;
     case.film = [4, 7];
     compare("smooth and steps, 512 samples", &case);
 }
 
-/// How far f32 pixels are from f64 ones, over all layers and colours of whole films: rough, smooth, tilted, Gaussian.
+/// Checks quantiles of the differences between f32 and f64 pixels in rough, smooth, tilted and Gaussian films.
 #[test]
-fn pixel_errors_keep_to_their_quantiles() {
+fn quantiles_of_pixel_errors_are_small() {
     let mut all = vec![];
     for (front, back, apex, tilt_deg, gaussian) in [
         (Relief::Steps, Relief::Noise, Apex::Mirror, [0.0, 0.0], false),
@@ -171,6 +171,6 @@ fn pixel_errors_keep_to_their_quantiles() {
         all.len()
     );
     assert!(median <= 1e-7 && p99 <= 1e-6 && p999 <= 1e-4);
-    // Two samples of the weakest order on the other side of a rim.
+    // Two samples of the order with the fewest samples may be on the other side of an edge.
     assert!(most <= 2.0 / 32.0);
 }

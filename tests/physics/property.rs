@@ -1,11 +1,11 @@
-//! Properties of every accepted scene, on random ones: extreme depths, lights, panes, lenses, films.
+//! Tests properties of every accepted scene on random scenes, with extreme depths, lights, panes, lenses and films.
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::invariance::{bits, tiled};
 use proptest::prelude::*;
 use render::trace::{FollowedOrder, Isa, OrderPlan, PixelMeans};
 
-/// Depth in metres of a uniform number.
+/// Maps a uniform number to a depth, m.
 fn depth(kind: u8, x: f64) -> f64 {
     match kind {
         0 => 2.0,
@@ -16,13 +16,13 @@ fn depth(kind: u8, x: f64) -> f64 {
     }
 }
 
-/// Radiance of a uniform number.
+/// Maps a uniform number to a radiance.
 fn radiance(kind: u8, x: f64) -> f64 {
     match kind {
         0 => x,
         1 => (x * 2.0).floor(),
         2 => 0.0,
-        // A few lights on a dark ground.
+        // A few lights on a dark background.
         _ if x > 0.9 => 1e6 * x,
         _ => 0.01 * x,
     }
@@ -39,7 +39,7 @@ prop_compose! {
             |i, j| depth(depth_kind, noise(i, j, key)),
             |i, j| [1, 2, 3].map(|c| radiance(radiance_kind, noise(i, j, key + c))),
         );
-        // A principal point off the middle.
+        // Moves the principal point away from the centre.
         for k in 0..2 {
             photo.center_px[k] += shift[k] * size[k] as f64;
         }
@@ -78,19 +78,19 @@ prop_compose! {
     }
 }
 
-/// Smallest and largest value of any colour.
+/// Returns the smallest and the largest value of any colour.
 fn range(photo: &Photo) -> [f64; 2] {
     let values = photo.texels.iter().flat_map(|t| &t[..3]);
     values.fold([f64::INFINITY, 0.0], |[lo, hi], &v| [lo.min(f64::from(v)), hi.max(f64::from(v))])
 }
 
-/// What thinned orders, which take fewer samples, may put on top of a mean whose weights add up to 1 at most.
+/// Bounds the excess of thinned orders, which take fewer samples, over a mean with weights of at most 1 in total.
 fn thinned_excess(list: &[FollowedOrder], max_radiance: f64) -> f64 {
     let thinned = list.iter().filter(|f| f.thinning > 1);
     thinned.map(|f| f.max_weight * max_radiance * 1.01).sum()
 }
 
-/// f32 sums of at most 128 samples.
+/// Relative rounding error of f32 sums of at most 128 samples.
 const ROUNDING: f64 = 1e-5;
 
 fn within_bounds(
@@ -102,7 +102,7 @@ fn within_bounds(
     let [b_lo, b_hi] = range(&case.back);
     let excess = thinned_excess(&orders.front, f_hi) + thinned_excess(&orders.back, b_hi);
     let mixed = f_hi.max(b_hi) + excess;
-    // A pane that absorbs may darken all; else only what was dropped is missing.
+    // An absorbing pane may darken all light; otherwise only dropped orders are missing.
     let lost = excess + 1.01 * (orders.front_tail + orders.back_tail);
     let floor =
         if case.absorption_per_m == [0.0; 3] { (f_lo.min(b_lo) - lost).max(0.0) } else { 0.0 };
@@ -128,7 +128,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
     #[test]
     fn every_scene_renders_within_its_bounds(case in case()) {
-        // `scene::assemble` refuses these: grazing rays, a lens that reaches the pane, a view past the photograph.
+        // `scene::assemble` refuses grazing rays, and a lens that reaches the pane.
         let (normal, distance_m) = case.pane();
         prop_assume!(case.steepest_cos() > f64::to_radians(85.0).cos());
         prop_assume!(distance_m > case.aperture_m * (1.0 - normal.z * normal.z).sqrt());
@@ -143,13 +143,13 @@ proptest! {
             prop_assert!(whole.misses.0[layer] <= whole.paths.0[layer]);
         }
 
-        // Neither the instruction set nor the tiles are seen in a bit.
+        // Bits depend on neither the instruction set nor the tiles.
         prop_assert!(whole == whole_film(&scene, Isa::detect()));
         for side in [1, 3] {
             prop_assert!(bits(&whole.pixels) == bits(&tiled(&scene, side, Isa::detect())));
         }
 
-        // Input less glass reflection is the front through the real glass.
+        // Input minus glass reflection is the front through the real glass.
         let mut dark = case.clone();
         dark.back.texels.fill([0.0; 4]);
         let dark_scene = dark.scene();

@@ -1,25 +1,25 @@
-//! A renderer in f64 that tries every triangle: the meaning of a pixel, with nothing clever.
+//! A simple renderer in f64 that tries every triangle, as a reference for pixels.
 
 use crate::case::{Apex, Case, Photo};
 use crate::optics::Pane;
 use glam::{DMat3, DVec3};
 use render::trace::{FollowedOrder, Order, PixelSeed, Scene, sample};
 
-/// How far the border continues, px.
+/// Length of the border's continuation, px.
 const BORDER_PX: f64 = 4000.0;
 
-/// A photograph's sheet in its own camera's frame.
+/// A photograph's sheet in the coordinates of its camera.
 pub(crate) struct Sheet<'a> {
     photo: &'a Photo,
     triangles: Vec<[DVec3; 3]>,
-    /// Depths over more than four decades: f64 loses them in space, and keeps them in (u, v, 1/z).
+    /// True if depths span more than four decades, for which f64 is accurate only in (u, v, 1/z).
     is_deep: bool,
 }
 
 impl<'a> Sheet<'a> {
     pub(crate) fn new(photo: &'a Photo) -> Self {
         let [nx, ny] = photo.size;
-        // Beyond the outermost pixel centres their depth continues.
+        // The depths of the outermost pixels continue beyond their centres.
         let places = |n: usize| {
             let mut places: Vec<(f64, usize)> = (0..n).map(|i| (i as f64, i)).collect();
             places.insert(0, (-BORDER_PX, 0));
@@ -48,7 +48,7 @@ impl<'a> Sheet<'a> {
         Self { photo, triangles, is_deep: extremes[1] > 1e4 * extremes[0] }
     }
 
-    /// The line's first point on the sheet, counted from the capture camera's plane outwards.
+    /// Returns the line's point on the sheet that is nearest to the capture camera's plane, on its front side.
     pub(crate) fn first_hit(&self, origin: DVec3, d: DVec3) -> Option<DVec3> {
         if self.is_deep {
             return self.first_hit_in_inverse_depth(origin, d);
@@ -77,8 +77,8 @@ impl<'a> Sheet<'a> {
         nearest
     }
 
-    /// The same in (u, v, w = 1/z), where the sheet is a height field over pixels and its border is just clamped:
-    /// each triangle near the line is tried, in slices of w from the near end outwards.
+    /// Finds the point in (u, v, w = 1/z), where the sheet is a height field over pixels with a clamped border. Tries
+    /// each triangle near the line, in slices of w from near to far.
     fn first_hit_in_inverse_depth(&self, origin: DVec3, d: DVec3) -> Option<DVec3> {
         let photo = self.photo;
         let [nx, ny] = photo.size.map(|n| n as i64);
@@ -87,7 +87,7 @@ impl<'a> Sheet<'a> {
         };
         let slope = (d.truncate()) / d.z;
         let foot = origin.truncate() - origin.z * slope;
-        // Pixel centres at integers.
+        // Pixel centres are at integers here.
         let line = |k: usize| {
             let (f, c) = (photo.focal_px[k], photo.center_px[k] - 0.5);
             (f * slope[k] + c, f * foot[k])
@@ -135,13 +135,13 @@ impl<'a> Sheet<'a> {
         }
     }
 
-    /// Radiance along a line.
+    /// Returns the radiance along a line.
     fn seen(&self, origin: DVec3, d: DVec3) -> [f64; 3] {
         let hit = self.first_hit(origin, d);
         self.radiance(hit.expect("the border continues, so every line meets the sheet"))
     }
 
-    /// The photograph's radiance of a point.
+    /// Returns the photograph's radiance at a point.
     pub(crate) fn radiance(&self, point: DVec3) -> [f64; 3] {
         let photo = self.photo;
         let texel = |k: usize, coordinate: f64| {
@@ -205,7 +205,7 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Pinhole direction and lens ray of a sample.
+    /// Returns the pinhole direction, and origin and direction of the lens ray, of a sample.
     fn camera(&self, x: u32, y: u32, point: [f32; 4]) -> (DVec3, DVec3, DVec3) {
         let [w, h] = self.case.film.map(f64::from);
         let offset = |u: f32| match &self.scene.film.filter {
@@ -244,7 +244,7 @@ impl<'a> Reference<'a> {
         self.back.seen(rotation * origin + shift, rotation * d)
     }
 
-    /// The four layers of a pixel.
+    /// Renders the four layers of a pixel.
     pub(crate) fn pixel(&self, x: u32, y: u32) -> [[f64; 3]; 4] {
         let spp = self.scene.spp;
         let seed = PixelSeed::new(self.scene.seed, x, y);
@@ -280,14 +280,14 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Samples that an order takes in all, and of each block of 256.
+/// Returns the number of an order's samples in total, and in each block of 256.
 fn samples_of(followed: &FollowedOrder, spp: u32) -> (u32, u32) {
     let block = spp.min(256);
     let of_block = (block / followed.thinning).max(1);
     (of_block * (spp / block), of_block)
 }
 
-/// Shirley and Chiu's concentric map.
+/// Maps the unit square to the unit disc by Shirley and Chiu's concentric map.
 pub(crate) fn concentric(u: f64, v: f64) -> (f64, f64) {
     let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
     if a == 0.0 && b == 0.0 {

@@ -1,9 +1,9 @@
-//! Sample points: their low discrepancy, and the convergence of an image's error.
+//! Tests the low discrepancy of sample points, and the convergence of an image's error.
 
 use crate::case::{Case, Photo, noise, whole_film};
 use render::trace::{Isa, PixelSeed, sample};
 
-/// Points of one pair (0 pixel, 1 lens).
+/// Returns the points of one pair of dimensions (0 pixel, 1 lens).
 fn points(seed: &PixelSeed, pair: usize, range: std::ops::Range<u32>) -> Vec<[f32; 2]> {
     range.map(|i| sample(seed, i)).map(|p| [p[2 * pair], p[2 * pair + 1]]).collect()
 }
@@ -51,8 +51,8 @@ fn a_sample_depends_on_its_arguments_alone() {
     }
 }
 
-/// If the lens point were a function of the pixel point, few of the 4x4x4x4 cells would be met; independent
-/// points meet 256 (1 - 1/e) = 162 on the mean.
+/// If the lens point were a function of the pixel point, the samples would hit few of the 4x4x4x4 cells; independent
+/// points hit 256 (1 - 1/e) = 162 on average.
 #[test]
 fn pixel_and_lens_points_are_independent() {
     const PIXELS: u32 = 64;

@@ -1,16 +1,16 @@
-//! The closed forms of the pane against a ray followed through its two faces.
+//! Compares the closed forms of the pane with a ray followed through its two faces.
 
 use crate::optics::Pane;
 use glam::DVec3;
 use render::trace::{Order, Slab};
 
-/// Distance between two lines of the same direction `d`.
+/// Returns the distance between two lines of the same direction `d`.
 fn line_distance(a: DVec3, b: DVec3, d: DVec3) -> f64 {
     d.cross(a - b).length() / d.length()
 }
 
 #[test]
-fn orders_leave_where_and_how_a_ray_followed_face_by_face_does() {
+fn orders_match_a_ray_followed_face_by_face() {
     const ORDERS: u32 = 6;
     let (mut line, mut direction, mut weight, mut tested) = (0f64, 0f64, 0f64, 0);
     for incidence in [0.0, 1e-6, 5.0, 20.0, 45.0, 57.994617, 70.0, 80.0, 85.0, 89.9] {
@@ -45,7 +45,7 @@ fn orders_leave_where_and_how_a_ray_followed_face_by_face_does() {
                         let cos_i = d.dot(normal);
                         let gamma = slab.gamma(cos_i);
                         let [transmitted, reflected] = pane.follow(origin, d, ORDERS as usize);
-                        // Mirrored in the front face, a reflected ray goes on along d.
+                        // Mirrored in the front face, a reflected ray continues along d.
                         let unfold =
                             |x: DVec3| x - 2.0 * (x.dot(normal) - pane.distance_m) * normal;
                         for k in 0..ORDERS {
@@ -126,9 +126,9 @@ fn orders_add_up_to_their_closed_totals() {
     assert!(worst < 1e-12 && lossless < 1e-12);
 }
 
-/// One row: degrees, then the quantities named in the test, at n = 1.6.
+/// Compares weights, totals and gamma with published values at n = 1.6.
 #[test]
-fn weights_are_the_published_table() {
+fn weights_match_the_published_table() {
     let slab = plain(1.6);
     let at = |degrees: f64| f64::to_radians(degrees).cos();
     let weight = |order, degrees| slab.weight(order, at(degrees))[0];
@@ -167,7 +167,7 @@ fn weights_are_the_published_table() {
 }
 
 #[test]
-fn absorbing_totals_are_the_series_sums() {
+fn absorbing_totals_equal_the_sums_of_the_series() {
     let slab = plain(1.6);
     for degrees in [0.0, 40.0, 75.0] {
         let cos_i = f64::to_radians(degrees).cos();

@@ -1,4 +1,4 @@
-//! One bright texel: its light is kept whatever the lens does, and the lens spreads it over the circle of confusion.
+//! A lens spreads the light of one bright texel over the circle of confusion, and keeps its energy.
 
 use crate::case::{Case, GLASS, Photo, T};
 use render::trace::{Isa, Tile, trace_tile};
@@ -6,7 +6,7 @@ use render::trace::{Isa, Tile, trace_tile};
 const TAN: f64 = 0.3;
 const TEXELS: usize = 31;
 
-/// A black plane with one texel of `radiance` in the middle.
+/// Makes a black plane with one texel of `radiance` in the middle.
 fn spot(depth_m: f64, radiance: f64) -> Photo {
     let middle = TEXELS / 2;
     let colour =
@@ -22,7 +22,7 @@ fn case(depth_m: f64, focus_m: f64, aperture_m: f64) -> Case {
     case
 }
 
-/// Sum over pixels = w_k (texel's area in film pixels) (Z / (Z - kappa_k))^2.
+/// The sum over pixels equals w_k (texel's area in film pixels) (Z / (Z - kappa_k))^2.
 #[test]
 fn energy_does_not_depend_on_the_lens() {
     for (depth_m, focus_m, aperture_m) in [
@@ -50,9 +50,9 @@ fn energy_does_not_depend_on_the_lens() {
     }
 }
 
-/// The spot's second moment is that of a uniform disc, widened by pixel and texel.
+/// The spot's second moment equals that of a uniform disc, widened by pixel and texel.
 #[test]
-fn circle_of_confusion_has_its_radius() {
+fn circle_of_confusion_has_the_expected_radius() {
     for (depth_m, focus_m) in [(2.0, 1.0), (1.0, 4.0), (5.0, f64::INFINITY)] {
         let mut case = case(depth_m, focus_m, 0.02);
         case.film = [129, 129];
@@ -76,14 +76,14 @@ fn circle_of_confusion_has_its_radius() {
         let texel_px = 2.0 * TAN / 129.0 * per_tangent;
         let blur = second / mass - 1.0 / 12.0 - texel_px * texel_px / 6.0;
         let measured = 2.0 * blur.sqrt();
-        println!("Z {depth_m}, focus {focus_m}: radius {measured:.4} px, on paper {radius:.4} px");
+        println!("Z {depth_m}, focus {focus_m}: radius {measured:.4} px, expected {radius:.4} px");
         assert!((measured / radius - 1.0).abs() < 0.01);
     }
 }
 
-/// Radii of the circle of confusion of the paper's lens, px of a film of 256: a light of 1e6 seen through air and glass.
+/// Circles of confusion of the paper's lens have the expected radii, for a light of 1e6 through air and glass.
 #[test]
-fn discs_have_their_radii_on_paper() {
+fn discs_have_the_expected_radii() {
     for (depth_m, focus_m, ior, expected_px) in [
         (2.0, 1.0, 1.0, 2.0549),
         (2.0, 1.0, 1.6, 2.0510),
@@ -95,7 +95,7 @@ fn discs_have_their_radii_on_paper() {
         case.film = [256, 256];
         case.ior = ior;
         case.spp = 65_536;
-        // Texels of two pixels: their hat has no part at the pixels' frequency, so that a sum over pixels is an integral.
+        // The hat of a texel of two pixels has no part at the pixels' frequency: a sum over pixels is an integral.
         const TEXEL_PX: f64 = 2.0;
         const SEEDS: u64 = 2;
         let fine = |i: usize, j: usize| [if i == 1 && j == 1 { 1e6 } else { 0.0 }; 3];
@@ -103,7 +103,7 @@ fn discs_have_their_radii_on_paper() {
         let tan = 3.0 * TEXEL_PX / per_tangent / 2.0;
         case.front = Photo::new([3, 3], [3, 3], [tan; 2], |_, _| depth_m, fine);
         let tile = Tile { x: 122, y: 122, width: 12, height: 12 };
-        // T needs no order but the first.
+        // T needs only the first order.
         case.tolerance = 1e7;
         let (mut mass, mut second) = (0.0, 0.0);
         for seed in 0..SEEDS {
@@ -121,23 +121,23 @@ fn discs_have_their_radii_on_paper() {
         let texel_px = TEXEL_PX * depth_m / (depth_m - kappa);
         let blur = second / mass - 1.0 / 12.0 - texel_px * texel_px / 6.0;
         let radius_px = 2.0 * blur.sqrt();
-        // Energy: L times the texel's area, whatever the lens does.
+        // For every lens, the energy is the radiance times the texel's area.
         let energy = mass / (1e6 * texel_px * texel_px);
         println!(
-            "Z {depth_m}, focus {focus_m}, index {ior}: {radius_px:.4} px ({expected_px} on paper), energy {energy:.5}"
+            "Z {depth_m}, focus {focus_m}, index {ior}: {radius_px:.4} px ({expected_px} expected), energy {energy:.5}"
         );
         assert!((radius_px - expected_px).abs() < 1e-3);
         assert!((energy - 1.0).abs() < 1e-3);
     }
 }
 
-/// Without a lens R~ is two sharp images, 2 h gamma tan apart in the pane's plane.
+/// Without a lens, R~ has two sharp images, which are 2 h gamma tan apart in the pane's plane.
 #[test]
 fn pinhole_reflection_is_two_sharp_images() {
     let mut case = case(2.0, 2.0, 0.0);
     case.film = [256, 8];
     case.thickness_m = 0.2;
-    // Off to one side, where the ghost is displaced.
+    // The texel is off-centre, where the ghost is displaced.
     let fine = |i: usize, _: usize| [if i == 20 { 1.0 } else { 0.0 }; 3];
     case.back = Photo::new([8, 8], [101, 5], [0.4; 2], |_, _| 2.0, fine);
     let pixels = case.render();
@@ -163,7 +163,7 @@ fn pinhole_reflection_is_two_sharp_images() {
     };
     let [tx, _] = case.tan_half_fov();
     let tangent = |place: f64| (2.0 * place / 256.0 - 1.0) * tx;
-    // The line's image point: mirrored x of the texel's centre.
+    // Mirrored x of the texel's centre.
     let x_m = -((20.5 / 101.0) * 2.0 - 1.0) * 0.4 * 2.0;
     assert!((tangent(peaks[0].0) - x_m / 2.0).abs() < 3e-4, "{peaks:?}");
     let p = tangent(peaks[1].0);

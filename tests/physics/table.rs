@@ -1,21 +1,21 @@
-//! The hard cases with an answer on paper, through the tracer.
+//! Traces hard cases with known results.
 //!
 //! | case | expected | test |
 //! |---|---|---|
-//! | incidence 30 to 89.9 degrees, Brewster | published weights and totals | [`weights_up_to_grazing`], `slab` |
-//! | index 1 | I = T, R~ = 0 | `constant_depth::glass_like_air_is_not_there` |
+//! | incidence 30 to 89.9 degrees, Brewster | published weights and totals | [`weights_match_published_values`], `slab` |
+//! | index 1 | I = T, R~ = 0 | `constant_depth::glass_with_the_ior_of_air_has_no_effect` |
 //! | thickness 0 | I = T-total F + R-total B | `constant_depth::thin_glass_splits_light_and_bends_nothing` |
-//! | aperture 0 | T, R do not know the focus; two sharp ghosts | [`pinholes_do_not_know_the_focus`], `spot` |
-//! | focus at infinity | discs of A P / Z px | `spot::discs_have_their_radii_on_paper`, `constant_depth` |
+//! | aperture 0 | T, R do not depend on the focus; two sharp ghosts | [`pinholes_ignore_the_focus`], `spot` |
+//! | focus at infinity | discs of A P / Z px | `spot::discs_have_the_expected_radii`, `constant_depth` |
 //! | constant planes, constant radiance | mix by the totals; T = F, R = B exactly | `constant_depth`, `furnace` |
-//! | constant planes, any radiance | sum of w_k mean L(X) | [`any_radiance_on_a_plane_is_its_mean`] |
-//! | ramps | mean over the lens is that of its centre | `constant_depth` |
-//! | a light of 1e6, its disc, its energy | radius and sum on paper | `spot` |
+//! | constant planes, any radiance | sum of w_k mean L(X) | [`planes_render_as_mean_radiances`] |
+//! | ramps | mean over the lens equals the value at its centre | `constant_depth` |
+//! | a light of 1e6, its disc, its energy | radius and sum in closed form | `spot` |
 //! | one bright texel | energy does not depend on the lens | `spot` |
 //! | Nyquist checkerboard | box-filtered triangle wave | `checkerboard` |
-//! | depths of 1e-3 and 1e5 m in one image | a pinhole without glass sees the photograph; else f64 | [`extreme_depths_do_not_move_what_a_pinhole_sees`], [`extreme_depths_against_f64`] |
-//! | NaN, infinite, 0, negative depth | holes, filled | [`holes_in_a_plane_leave_no_trace`], `farm` (quarantine) |
-//! | 1 x 1, 1 x N photographs and films | T = R = its colour; else f64 | [`one_row_or_column_against_f64`], `hard_cases` |
+//! | depths of 1e-3 and 1e5 m in one image | the photograph for a pinhole without glass; otherwise f64 | [`extreme_depths_do_not_change_a_pinhole_image`], [`extreme_depths_match_f64`] |
+//! | NaN, infinite, 0, negative depth | filled holes | [`holes_in_a_plane_leave_no_trace`], `farm` (quarantine) |
+//! | 1 x 1, 1 x N photographs, films | T = R = the colour; otherwise f64 | [`one_row_or_column_matches_f64`], `hard_cases` |
 
 use crate::case::{Apex, CLEAN, Case, GLASS, I, Photo, T, noise};
 use crate::pixels::compare;
@@ -27,7 +27,7 @@ fn close(name: &str, value: f32, expected: f64, bound: f64) {
     assert!(off.abs() <= bound, "{name}: {value}, not {expected} (off by {off:.1e})");
 }
 
-/// One pixel of a few arc seconds, `incidence` degrees from the pane's normal; white where `front` or `back`.
+/// Renders a pixel of a few arc seconds at `incidence` degrees for two flat photographs; returns it and the tail.
 fn glancing(incidence: f64, [front, back]: [f64; 2], tolerance: f64) -> (PixelMeans, f64) {
     let mut case = Case::new(Photo::flat(2.0, [front; 3]), Photo::flat(2.0, [back; 3]));
     case.film = [1, 1];
@@ -41,7 +41,7 @@ fn glancing(incidence: f64, [front, back]: [f64; 2], tolerance: f64) -> (PixelMe
     (case.render()[0], tail)
 }
 
-/// Degrees; then r_0, r_1, t_0, t_1, total T, total R at n = 1.6 (the slots without a published value are NaN).
+/// Incidence, degrees, and r_0, r_1, t_0, t_1, total T, total R at n = 1.6; NaN without a published value.
 const PUBLISHED: [(f64, [f64; 6]); 6] = {
     const NO: f64 = f64::NAN;
     [
@@ -65,9 +65,9 @@ const PUBLISHED: [(f64, [f64; 6]); 6] = {
 };
 
 #[test]
-fn weights_up_to_grazing() {
+fn weights_match_published_values() {
     for (degrees, expected) in PUBLISHED {
-        // An order more or less is the difference of two renders whose tolerances lie around its weight.
+        // The weight of an order is the difference of two renders with tolerances on either side of the weight.
         let value = |sides: [f64; 2], tolerance: f64| glancing(degrees, sides, tolerance);
         let (all_front, front_tail) = value([1.0, 0.0], 1e-30);
         let (all_back, back_tail) = value([0.0, 1.0], 1e-30);
@@ -89,7 +89,7 @@ fn weights_up_to_grazing() {
         check("r1", both - r_0, 1, 2e-7);
         check("total T", all_front.mean[I][0], 4, front_tail + 1e-6);
         check("total R", all_back.mean[I][0], 5, back_tail + 1e-6);
-        // Energy is conserved: the dropped orders are bounded, the others add up to white.
+        // Energy is conserved: the dropped orders are bounded, and the others add up to white.
         let sum = f64::from(all_front.mean[I][0]) + f64::from(all_back.mean[I][0]);
         assert!(sum <= 1.0 + 1e-6 && sum >= 1.0 - front_tail - back_tail - 1e-6);
         println!(
@@ -99,7 +99,7 @@ fn weights_up_to_grazing() {
     }
 }
 
-/// Weight of r_k by the ray followed face by face.
+/// Returns the weight of r_k for a ray followed face by face.
 fn slab_weight(degrees: f64, k: u32) -> f64 {
     use crate::optics::Pane;
     use glam::DVec3;
@@ -121,7 +121,7 @@ fn rough(size: [usize; 2], key: u64, depth_m: impl Fn(f64) -> f64) -> Photo {
 }
 
 #[test]
-fn pinholes_do_not_know_the_focus() {
+fn pinholes_ignore_the_focus() {
     let mut case =
         Case::new(rough([12, 9], 1, |x| 0.8 + 2.0 * x), rough([12, 9], 2, |x| 0.8 + 2.0 * x));
     case.film = [9, 6];
@@ -136,9 +136,9 @@ fn pinholes_do_not_know_the_focus() {
     assert_eq!(rendered[0], rendered[1]);
 }
 
-/// Midpoint rule over the pixel and the lens, sixteen steps an axis, of what a plane shows where the line meets it.
+/// Compares pixels with a midpoint rule over pixel and lens, 16 steps per axis, of the radiance where lines hit a plane.
 #[test]
-fn any_radiance_on_a_plane_is_its_mean() {
+fn planes_render_as_mean_radiances() {
     const DEPTH_M: f64 = 2.4;
     const TAN: f64 = 0.5;
     const SIZE: usize = 9;
@@ -179,7 +179,7 @@ fn any_radiance_on_a_plane_is_its_mean() {
                 (2.0 * (f64::from(x) + a) / 8.0 - 1.0) * tx,
                 (2.0 * (f64::from(y) + b) / 6.0 - 1.0) * ty,
             );
-            // Equal areas of the disc.
+            // Equal steps of c cover equal areas of the disc.
             let (radius, angle) = (c.sqrt() * case.aperture_m, d * std::f64::consts::TAU);
             let lens = DVec2::new(angle.cos(), angle.sin()) * radius;
             let direction = p - lens / case.focus_m;
@@ -221,7 +221,7 @@ fn any_radiance_on_a_plane_is_its_mean() {
     assert!(worst.iter().all(|d| *d < 1e-3));
 }
 
-/// Millimetres, metres and a hundred kilometres, side by side.
+/// Maps a uniform number to 1 mm, 1 m or 100 km.
 fn extreme(x: f64) -> f64 {
     match (x * 3.0) as u32 {
         0 => 1e-3,
@@ -230,9 +230,9 @@ fn extreme(x: f64) -> f64 {
     }
 }
 
-/// From the capture point and without glass a photograph is seen as it was taken, whatever its depths.
+/// From the capture point and without glass, the image is the photograph for all depths.
 #[test]
-fn extreme_depths_do_not_move_what_a_pinhole_sees() {
+fn extreme_depths_do_not_change_a_pinhole_image() {
     let render = |depth_m: &dyn Fn(f64) -> f64| {
         let mut case = Case::new(rough([24, 18], 1, depth_m), rough([24, 18], 2, depth_m));
         case.film = [12, 8];
@@ -256,7 +256,7 @@ fn extreme_depths_do_not_move_what_a_pinhole_sees() {
 }
 
 #[test]
-fn extreme_depths_against_f64() {
+fn extreme_depths_match_f64() {
     let mut case = Case::new(rough([12, 9], 1, extreme), rough([12, 9], 2, extreme));
     case.film = [16, 10];
     case.spp = 64;
@@ -267,7 +267,7 @@ fn extreme_depths_against_f64() {
 }
 
 #[test]
-fn one_row_or_column_against_f64() {
+fn one_row_or_column_matches_f64() {
     for size in [[1, 1], [1, 9], [9, 1]] {
         for (apex, tilt_deg) in
             [(Apex::Mirror, [0.0, 0.0]), (Apex::Camera, [0.0, 0.0]), (Apex::Camera, [7.0, -11.0])]
@@ -284,7 +284,7 @@ fn one_row_or_column_against_f64() {
     }
 }
 
-/// NaN, infinite, zero and negative depths through decoder, filler, assembly and tracer: a plane stays a plane.
+/// NaN, infinite, zero and negative depths in a plane do not change its image.
 #[test]
 fn holes_in_a_plane_leave_no_trace() {
     use render::formats::{NamedBytes, PhotographFiles};
@@ -334,7 +334,7 @@ fn holes_in_a_plane_leave_no_trace() {
         assert!(share > 0.4);
         assert_eq!(filled, whole, "holes of {hole}");
     }
-    // The other end of it: no depth at all is refused (see `farm`'s quarantine for a run's answer).
+    // A depth image without any valid depth is refused; `farm` tests the quarantine of its scene.
     let nothing = |value: f32| {
         let mut bytes = depth(None);
         let data = bytes.len() - WIDTH * HEIGHT * 4;

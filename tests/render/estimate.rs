@@ -1,4 +1,4 @@
-//! The error that a tuple states of itself, against a reference of many more samples.
+//! Compares the stated errors of tuples with a reference of many more samples.
 
 use render::job::{SceneJob, render_partials};
 use render::line::{Roots, SceneLine, parse_scene};
@@ -48,10 +48,10 @@ fn render(folder: &Path, spp: u32, seed: u64) -> Tuple {
 }
 
 #[test]
-fn stated_errors_are_of_the_size_of_true_ones() {
+fn stated_errors_are_close_to_true_errors() {
     let folder = tempfile::tempdir().unwrap();
     let reference = render(folder.path(), 8192, 1);
-    // One range of samples, and several.
+    // 64 and 256 samples are one range, and 1,024 are several.
     for spp in [64, 256, 1024] {
         let tuple = render(folder.path(), spp, 2);
         for layer in Layer::ALL {

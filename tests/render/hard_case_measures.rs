@@ -1,18 +1,18 @@
-//! What a layer of a hard case shows, and the formulas on paper that a number cannot stand for.
+//! Measures the layers of hard cases, and computes expected values that differ from pixel to pixel.
 
 use render::line::SceneLine;
 use render::trace::FilmPlane;
 
-/// Steps a side over which a formula is averaged in a pixel.
+/// Number of steps per axis over which a pixel averages a formula.
 const STEPS: u32 = 8;
-/// Texels a side of the spot's plane, of which the middle one is bright.
+/// Number of texels per axis of the spot's plane; the middle texel is bright.
 const SPOT_TEXELS: f64 = 3.0;
-/// Tangent of half the field of view of the spot's plane: its texel is two pixels wide.
+/// Tangent of half the field of view of the spot's plane; its texel is two pixels wide.
 const SPOT_TAN: f64 = 0.006_518_632_900_899_868;
 /// Depth of the ramps, m.
 const RAMP_DEPTH_M: f64 = 2.2;
 
-/// A measured quantity; of many pixels, at the one that is farthest off.
+/// A measured quantity; for several pixels, at the pixel with the largest error.
 pub(crate) struct Measured {
     pub(crate) expected: f64,
     pub(crate) got: f64,
@@ -25,7 +25,7 @@ impl Measured {
     }
 }
 
-/// The value that is farthest from what is expected of pixel `q`, colour `c` (where anything is).
+/// Returns the value with the largest error. `expected` returns the expected value of a pixel and colour, if any.
 pub(crate) fn farthest(
     layer: &[[f32; 3]],
     expected: impl Fn(usize, usize) -> Option<f64>,
@@ -37,7 +37,7 @@ pub(crate) fn farthest(
                 continue;
             };
             let found = Measured::new(expected, f64::from(*value));
-            // Nothing is farther off than NaN, and nothing compares with it.
+            // NaN counts as the largest error, because no number compares with it.
             if found.error.is_nan() {
                 return found;
             }
@@ -46,10 +46,10 @@ pub(crate) fn farthest(
             }
         }
     }
-    worst.expect("something is expected of some pixel")
+    worst.expect("some pixel has an expected value")
 }
 
-/// The largest value against `most`, or the first that is negative or no number.
+/// Compares the largest value with `most`; returns the first negative or NaN value if the layer has one.
 pub(crate) fn at_most(layer: &[[f32; 3]], most: f64) -> Measured {
     let values = layer.as_flattened().iter().map(|&v| f64::from(v));
     if let Some(bad) = values.clone().find(|v| v.is_nan() || *v < 0.0) {
@@ -69,7 +69,7 @@ fn film(line: &SceneLine) -> FilmPlane {
     }
 }
 
-/// Mean over pixel `q` of a ramp where the lines meet it, X = p (Z - kappa); the lens does not matter.
+/// Returns the mean over pixel `q` of a ramp at X = p (Z - kappa), where lines hit it; the lens does not matter.
 pub(crate) fn ramp(line: &SceneLine, is_reflected: bool, terms: [f64; 3], q: usize) -> f64 {
     let [middle, across_per_m, down_per_m] = terms;
     let (film, glass) = (film(line), &line.glass);
@@ -88,7 +88,7 @@ pub(crate) fn ramp(line: &SceneLine, is_reflected: bool, terms: [f64; 3], q: usi
     sum / f64::from(STEPS * STEPS)
 }
 
-/// Mean over pixel `q`'s box of the mirrored checkerboard; none within half a texel of the border.
+/// Returns the mean of the mirrored checkerboard over pixel `q`; `None` within half a texel of the border.
 pub(crate) fn checker(line: &SceneLine, texels: usize, q: usize) -> Option<f64> {
     let film = &line.film;
     let (x, y) = (q as u32 % film.width, q as u32 / film.width);
@@ -102,7 +102,7 @@ pub(crate) fn checker(line: &SceneLine, texels: usize, q: usize) -> Option<f64> 
     Some(0.5 + 0.5 * u * v)
 }
 
-/// Integral from 0 of the triangle wave of period 2 that is 1 at even and -1 at odd numbers.
+/// Integrates the triangle wave of period 2, which is 1 at even and -1 at odd numbers, from 0.
 fn wave(x: f64) -> f64 {
     let r = x.abs() % 2.0;
     let value = if r <= 1.0 { r - r * r } else { (r - 1.0) * (r - 2.0) };
@@ -113,7 +113,7 @@ pub(crate) fn red_sum(layer: &[[f32; 3]]) -> f64 {
     layer.iter().map(|p| f64::from(p[0])).sum()
 }
 
-/// Radius of the uniform disc whose second moment the layer has beyond those of pixel and texel.
+/// Returns the radius of a uniform disc with the layer's second moment minus those of pixel and texel.
 pub(crate) fn radius_px(line: &SceneLine, depth_m: f64, layer: &[[f32; 3]]) -> f64 {
     let (film, glass) = (film(line), &line.glass);
     let center = [film.width, film.height].map(|n| f64::from(n) / 2.0 - 0.5);

@@ -1,4 +1,4 @@
-//! `run manifests/hard-cases.jsonl` against answers on paper, and against the scenes that must be refused.
+//! Compares the results of `run manifests/hard-cases.jsonl` with known values, and checks the refused scenes.
 
 use crate::hard_case_measures::{Measured, at_most, checker, farthest, radius_px, ramp, red_sum};
 use crate::support::program::{run, text};
@@ -12,21 +12,21 @@ use std::path::Path;
 enum Expected {
     /// Every pixel has this colour.
     Value([f64; 3]),
-    /// Every value lies between 0 and this.
+    /// Every value is between 0 and this limit.
     AtMost(f64),
     /// Sum of red over all pixels.
     RedSum(f64),
-    /// Radius in px of the disc that a spot in the middle of the front plane, at this depth in m, becomes.
+    /// Radius, px, of the disc of a spot in the middle of the front plane, and depth of the plane, m.
     RadiusPx(f64, f64),
-    /// `middle + across_per_m X + down_per_m Y` of a plane 2.2 m away.
+    /// `middle + across_per_m X + down_per_m Y` on a plane 2.2 m away.
     Ramp([f64; 3]),
-    /// A checkerboard of so many texels a side, over the film's field of view.
+    /// A checkerboard over the film's field of view, with this number of texels per axis.
     Checker(usize),
     /// The layer of another case.
     SameAs(&'static str, &'static str),
 }
 
-/// Scene, layer, what it shows, and the largest deviation from that, in the quantity's own unit.
+/// Scene, layer, expected content, and largest allowed deviation in the unit of the quantity.
 type Check = (&'static str, &'static str, Expected, f64);
 
 const I: &str = "input";
@@ -34,7 +34,7 @@ const T: &str = "transmission";
 const GLASS: &str = "glass_reflection";
 const R: &str = "clean_reflection";
 
-/// Planes of one colour: I mixes them by the pane's totals, T and R are the colours themselves.
+/// Planes of one colour: I mixes the colours by the pane's totals, and T and R equal them.
 const PANE: &[Check] = &[
     ("constant-planes", I, Value([0.739_325_84, 0.460_674_16, 0.140_449_44]), 1e-6),
     ("constant-planes", T, Value([0.8, 0.4, 0.1]), 3e-8),
@@ -47,11 +47,11 @@ const PANE: &[Check] = &[
     ("angle-30", I, Value([0.896_511_133_4, 0.103_488_866_6, 0.0]), 1e-6),
     ("angle-brewster", I, Value([0.838_911_247_6, 0.161_088_752_4, 0.0]), 1e-6),
     ("angle-80", I, Value([0.448_700_977_8, 0.551_299_022_2, 0.0]), 1e-6),
-    // White in front and behind is white all over, whatever the relief: only the dropped orders lose light.
+    // With any relief, white on both sides yields white pixels: only the dropped orders lose light.
     ("white-room", I, Value([1.0; 3]), 2e-4),
     ("white-room", T, Value([1.0; 3]), 0.0),
     ("white-room", R, Value([1.0; 3]), 0.0),
-    // Glass like air is not there.
+    // Glass with the index of air has no effect.
     ("index-1", I, SameAs("index-1", T), 0.0),
     ("index-1", GLASS, Value([0.0; 3]), 0.0),
     // A pane without thickness bends nothing.
@@ -59,39 +59,39 @@ const PANE: &[Check] = &[
     ("thickness-0", GLASS, AtMost(0.11), 0.0),
 ];
 
-/// A light of 1e6, two pixels wide: energy 1e6 x (2 px Z / (Z - kappa))^2, whatever the lens does.
+/// A light of 1e6, two pixels wide: for every lens, its energy is 1e6 x (2 px Z / (Z - kappa))^2.
 const LENS: &[Check] = &[
     // Aperture 0, without glass: T and I are the photograph, at any focus.
     ("pinhole", I, SameAs("pinhole", T), 0.0),
     ("pinhole-focus", T, SameAs("pinhole", T), 0.0),
-    // A lens keeps the mean of a ramp, however far the ramp is out of focus.
+    // A lens keeps the mean of a ramp at any focus.
     ("ramp-near", T, Ramp([0.5, 0.2, 0.1]), 4e-5),
     ("ramp-near", R, Ramp([0.5, -0.15, 0.3]), 4e-5),
-    // The same, focused at infinity, from EXR files.
+    // The same ramps, focused at infinity, from EXR files.
     ("ramp-infinity", T, Ramp([0.5, 0.2, 0.1]), 4e-5),
     ("ramp-infinity", R, Ramp([0.5, -0.15, 0.3]), 4e-5),
-    // 2 m away, focused at 1 m, no glass.
+    // The light is 2 m away, with the focus at 1 m and without glass.
     ("light-near-focus", T, RadiusPx(2.0549, 2.0), 0.01),
     ("light-near-focus", T, RedSum(4.0e6), 1e4),
-    // 1 m away, focused at 4 m, through the pane: 3.0823 px without it.
+    // The light is 1 m away, with the focus at 4 m and through the pane; the radius is 3.0823 px without it.
     ("light-through-glass", T, RadiusPx(3.0978, 1.0), 0.01),
     ("light-through-glass", T, RedSum(4.030_17e6), 1e4),
-    // 5 m away, focused at infinity, no glass.
+    // The light is 5 m away, with the focus at infinity and without glass.
     ("light-infinity", T, RadiusPx(0.822, 5.0), 0.01),
     ("light-infinity", T, RedSum(4.0e6), 1e4),
-    // The light behind: each order's disc holds that order's weight of the light.
+    // The light is behind: the disc of each order has the order's share of the light.
     ("light-reflected", GLASS, RedSum(4.021_166e5), 2e3),
     ("light-reflected", R, RedSum(4.0e6), 2e3),
 ];
 
 const PICTURES: &[Check] = &[
-    // One texel a pixel: a quarter of the contrast is left. Two: even grey. Seventeen on twelve pixels: beats.
+    // One texel per pixel keeps a quarter of the contrast, two yield even grey, and 17 on 12 pixels yield beats.
     ("nyquist", R, Checker(12), 3e-3),
     ("nyquist-2", R, Checker(24), 3e-3),
     ("nyquist-1-4", R, Checker(17), 3e-3),
     ("photograph-1x1", T, Value([0.25, 0.5, 0.75]), 0.0),
     ("photograph-1x1", R, Value([0.75, 0.5, 0.25]), 0.0),
-    // Depth images of one column and of one row, of one depth, equal larger ones.
+    // Depth images of one column or row with constant depth equal larger ones.
     ("photograph-1xn", T, SameAs("plain", T), 1e-6),
     ("photograph-1xn", R, SameAs("plain", R), 1e-6),
     ("film-1x1", T, Value([0.25, 0.5, 0.75]), 0.0),
@@ -100,33 +100,33 @@ const PICTURES: &[Check] = &[
 
 const DEPTHS: &[Check] = &[
     ("plain", I, AtMost(1.0), 0.0),
-    // NaN, infinite, zero and negative depths are holes; filled, the plane is whole.
+    // NaN, infinite, zero and negative depths are holes; the filled plane equals the plain one.
     ("holes", I, SameAs("plain", I), 1e-6),
     ("holes", T, SameAs("plain", T), 1e-6),
-    // A millimetre beside a hundred kilometres: from the capture point, without glass, a pinhole sees the photograph.
+    // Depths from 1 mm to 100 km: from the capture point and without glass, a pinhole renders the photograph.
     ("depth-extremes", T, SameAs("pinhole", T), 1e-6),
-    // With lens and glass the values stay within the picture's.
+    // With lens and glass, values stay within those of the picture.
     ("depth-extremes-lens", I, AtMost(1.0), 1e-5),
     ("depth-extremes-lens", T, AtMost(1.0), 0.0),
     ("depth-extremes-lens", GLASS, AtMost(1.0), 0.0),
     ("depth-extremes-lens", R, SameAs("plain", R), 1e-6),
 ];
 
-/// Scenes that must be set aside, and words of the reason.
+/// Scenes that must go into quarantine, and words of the reasons.
 const REFUSED: [(&str, &str); 6] = [
-    // Beyond 85 degrees dozens of orders would be seen.
+    // Beyond 85 degrees, dozens of orders would be visible.
     ("angle-89-9", "85"),
-    // A turned pane so near that it passes through the lens.
+    // The tilted pane is so near that it intersects the lens.
     ("pane-cuts-lens", "lens"),
-    // More than a hundredth of the surfaces in front of the pane.
+    // More than 1 % of the surfaces are in front of the pane.
     ("too-near", "nearer than the pane"),
     ("no-depth-nan", "check depth_unit_m"),
     ("no-depth-negative", "check depth_unit_m"),
-    // A picture with NaN: the place is named.
+    // The reason names the position of the NaN.
     ("bad-radiance", "column 0, row 0"),
 ];
 
-/// Scene, layer -> pixels.
+/// Pixels by scene and layer.
 type Layers = BTreeMap<(String, &'static str), Vec<[f32; 3]>>;
 
 fn read_tuples(run: &Path, lines: &[SceneLine]) -> Layers {
@@ -167,7 +167,7 @@ fn measure(line: &SceneLine, layer: &str, expected: &Expected, all: &Layers) -> 
 }
 
 #[test]
-fn the_shipped_cases_hold() {
+fn the_shipped_hard_cases_have_known_values() {
     let folder = tempfile::tempdir().unwrap();
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/hard-cases.jsonl");
     let out = folder.path().join("run");
@@ -197,7 +197,7 @@ fn the_shipped_cases_hold() {
     }
     assert!(failed.is_empty(), "{failed:#?}");
 
-    // Again: nothing to do.
+    // A second run has no work.
     let again = run(&["run", text(&file), "--out", text(&out), "--json"]);
     assert_eq!(again.expect(3).json()["shards_traced"], 0);
 }

@@ -1,4 +1,4 @@
-//! `film.layers` and `film.target_error` through the program: what is left out, and that nothing else changes.
+//! Tests `film.layers` and `film.target_error`: a run omits layers or samples, and nothing else changes.
 
 use crate::support::outputs::{Content, Tuples, assert_same, assert_tidy, tuple_record, tuples};
 use crate::support::program::{command, run, text, wait_until};
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
-/// A place whose recipe has more lines under `[film]`.
+/// Makes a place with a recipe that has more lines under `[film]`.
 fn place_with(film: &str) -> Place {
     let place = place();
     std::fs::write(&place.recipe, RECIPE.replace("[film]\n", &format!("[film]\n{film}\n")))
@@ -23,12 +23,12 @@ fn place_with(film: &str) -> Place {
 fn pixels(content: &Content) -> &BTreeMap<String, (&'static str, Vec<u32>)> {
     match content {
         Content::Pixels(channels) => channels,
-        Content::Bytes(_) => panic!("no EXR"),
+        Content::Bytes(_) => panic!("not an EXR"),
     }
 }
 
 #[test]
-fn layers_left_out_are_not_written_and_the_others_stay_as_they_are() {
+fn omitted_layers_are_not_written_and_the_others_do_not_change() {
     let place = place_with(r#"layers = ["transmission", "input"]"#);
     run(&place.arguments("run", &[])).expect(0);
     let found = tuples(&place.run);
@@ -56,7 +56,7 @@ fn layers_left_out_are_not_written_and_the_others_stay_as_they_are() {
     let layers: Vec<&String> = record["layers"].as_object().unwrap().keys().collect();
     assert_eq!(layers, ["input", "transmission"]);
 
-    // The page shows the two, and neither of the others.
+    // The page shows only these two layers.
     let page = std::fs::read_to_string(place.run.join("report/index.html")).unwrap();
     for (layer, shown) in [
         ("input", SCENES),
@@ -68,7 +68,7 @@ fn layers_left_out_are_not_written_and_the_others_stay_as_they_are() {
         assert_eq!(pictures, shown, "{layer}");
     }
 
-    // Nothing is left to do; a layer that is lost is made again.
+    // A second run has no work, except for a scene that has lost a layer.
     let again = || {
         let done = run(&["work", text(&place.run), "--json"]).expect(0).json();
         done["shards_traced"].as_u64().unwrap()
@@ -97,7 +97,7 @@ fn unknown_and_missing_layers_are_refused() {
 
 const ADAPTIVE: &str = "target_error = 2e-3";
 
-/// An adaptive run in one go.
+/// Returns the tuples of an uninterrupted adaptive run. Renders it once.
 fn adaptive_reference() -> &'static Tuples {
     static REFERENCE: OnceLock<Tuples> = OnceLock::new();
     REFERENCE.get_or_init(|| {
@@ -118,7 +118,7 @@ fn adaptive_reference() -> &'static Tuples {
                 spared |= mean < most;
             }
         }
-        assert!(spared, "every cell took as many samples as every other");
+        assert!(spared, "all cells took the same number of samples");
         tuples(&place.run)
     })
 }
@@ -145,7 +145,7 @@ fn adaptive_runs_are_killed_and_resumed() {
         let scenes = std::fs::read_dir(&folder).into_iter().flatten().flatten();
         scenes.flat_map(|scene| std::fs::read_dir(scene.path()).into_iter().flatten()).count() >= 5
     });
-    assert!(is_under_way, "the run was over before it was killed");
+    assert!(is_under_way, "the run ended before its kill");
     child.kill().unwrap();
     child.wait().unwrap();
     run(&arguments).expect(0);
@@ -154,7 +154,7 @@ fn adaptive_runs_are_killed_and_resumed() {
 }
 
 #[test]
-fn adaptive_partials_are_taken_up() {
+fn adaptive_partials_are_resumed() {
     let place = place_with(ADAPTIVE);
     place.plan();
     let opened = Run::open(&place.run, &Roots::default()).unwrap();
@@ -165,7 +165,7 @@ fn adaptive_partials_are_taken_up() {
     let partials = render_partials(&job, 1, Isa::detect(), &never, &|| {}).unwrap();
     assert_eq!(partials.len(), SHARDS);
     assert!(partials.iter().all(|p| p.header.sample_sums.is_some()));
-    // Every third is there, as after a kill.
+    // Keeps every third partial, as after a kill.
     let some: Vec<_> = partials.iter().step_by(3).cloned().collect();
     put_partials(&place.run, line.id.as_str(), &some);
     let done = run(&["work", text(&place.run), "--json"]).expect(0).json();

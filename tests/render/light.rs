@@ -1,4 +1,4 @@
-//! Light: exposures, illuminants and white balance of scene lines, and their choice by previews in planning.
+//! Tests exposures, illuminants and white balance of scene lines, and their choice by previews in planning.
 
 use crate::support::outputs::exr_channels;
 use crate::support::program::{run, text};
@@ -8,7 +8,7 @@ use std::path::Path;
 
 const LAYERS: [&str; 4] = ["input", "transmission", "glass_reflection", "clean_reflection"];
 
-/// Red, green and blue of each pixel of a layer that `render` wrote.
+/// Reads red, green and blue of each pixel of a layer that `render` wrote.
 fn rendered(folder: &Path, layer: &str) -> Vec<[f32; 3]> {
     let channels = exr_channels(&folder.join(format!("{layer}.exr")));
     let of = |colour: &str| channels[colour].1.iter().map(|&bits| f32::from_bits(bits));
@@ -16,10 +16,10 @@ fn rendered(folder: &Path, layer: &str) -> Vec<[f32; 3]> {
     pixels.map(|((r, g), b)| [r, g, b]).collect()
 }
 
-/// The four layers of a scene line with `changes` (JSON pointer, value).
+/// Renders the four layers of a scene line with `changes` (JSON pointer, value).
 fn layers(folder: &Path, name: &str, changes: &[(&str, Value)]) -> [Vec<[f32; 3]>; 4] {
     let mut line = scene(name);
-    // Orders are dropped by their radiance: here all are followed at any light.
+    // By default, the tracer drops orders by their radiance; here it follows all orders at any light.
     line["film"]["order_tolerance"] = json!(0.0);
     for (pointer, value) in changes {
         let (parent, key) = pointer.rsplit_once('/').unwrap();
@@ -59,7 +59,7 @@ fn light_is_linear() {
     let [one, other] = tinted;
     assert!(layers(folder, "balanced", &[one, other, balance]) == plain);
 
-    // I is the front through the glass and what the glass reflects: each side scales its own part.
+    // I is the front through the glass plus R~, and the exposure of a side scales only its part.
     let back = layers(folder, "back", &[("/back/exposure", json!(2.0))]);
     assert!(back[1] == plain[1]);
     for pixel in 0..plain[0].len() {
@@ -72,7 +72,7 @@ fn light_is_linear() {
 }
 
 #[test]
-fn lights_that_are_none_are_refused() {
+fn invalid_lights_are_refused() {
     let place = tempfile::tempdir().unwrap();
     photographs(place.path());
     for (pointer, value, words) in [
@@ -92,7 +92,7 @@ fn lights_that_are_none_are_refused() {
     }
 }
 
-/// Wide ranges, and every rule.
+/// A recipe with wide ranges and every rule.
 const WILD: &str = r#"
 schema = "glasshouse.recipe/1"
 name = "wild"
@@ -139,7 +139,7 @@ pairs = { sample = 3 }
 "#;
 
 #[test]
-fn planning_settles_the_light_and_replaces_what_nobody_wants() {
+fn planning_sets_the_light_and_replaces_rejected_draws() {
     let place = tempfile::tempdir().unwrap();
     let recipe = place.path().join("wild.toml");
     std::fs::write(&recipe, WILD).unwrap();
@@ -162,7 +162,7 @@ fn planning_settles_the_light_and_replaces_what_nobody_wants() {
         assert!(one["reason"].as_str().unwrap().len() > 10, "{one}");
     }
 
-    // A scene more leaves the others, with their rejections, as they are.
+    // An additional scene does not change the others or their rejections.
     std::fs::write(&recipe, WILD.replace("{ sample = 10 }", "{ sample = 11 }")).unwrap();
     let (_, more, _) = plan("more", "2");
     for line in manifest.lines() {
@@ -176,7 +176,7 @@ fn planning_settles_the_light_and_replaces_what_nobody_wants() {
         let id = line["id"].as_str().unwrap();
         let tuple = folder.join("tuples").join(id);
         let channels = exr_channels(&tuple.join("tuple.exr"));
-        // Every tuple's json makes the same picture again, alone.
+        // `render` makes the same images from the tuple's record alone.
         let out = place.path().join("again").join(id);
         run(&["render", text(&tuple.join("tuple.json")), "--out", text(&out)]).expect(0);
         for layer in LAYERS {
@@ -187,7 +187,7 @@ fn planning_settles_the_light_and_replaces_what_nobody_wants() {
                 assert!(*bits == floats[colour].1, "{id} {layer}.{colour}");
             }
         }
-        // 96 x 64 px and 64 samples show what the preview of 64 x 42 px and 16 samples was settled by.
+        // The light set by the preview of 64 x 42 px and 16 samples also suits 96 x 64 px and 64 samples.
         let input = rendered(&out, "input");
         let mut largest: Vec<f32> = input.iter().map(|p| p[0].max(p[1]).max(p[2])).collect();
         largest.sort_by(f32::total_cmp);
@@ -209,7 +209,7 @@ fn planning_settles_the_light_and_replaces_what_nobody_wants() {
 }
 
 #[test]
-fn bounds_that_no_scene_keeps_to_are_said() {
+fn bounds_that_reject_every_draw_are_reported() {
     let place = tempfile::tempdir().unwrap();
     let recipe = place.path().join("wild.toml");
     std::fs::write(&recipe, WILD.replace("[0.02, 0.8]", "[0.9999, 1.0]")).unwrap();

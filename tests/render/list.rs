@@ -1,4 +1,4 @@
-//! Recipes over a list of photographs, panoramas among them: from files to tuples.
+//! Runs recipes over a list of photographs and panoramas, from files to tuples.
 
 use crate::support::outputs::{manifest, tuple_record};
 use crate::support::program::{run, text};
@@ -27,12 +27,12 @@ name = "train"
 pairs = { mine = 6 }
 "#;
 
-/// A Radiance HDR panorama, 64 x 32 px, flat scan lines: brighter to the right, 40 at the sun.
+/// Writes a Radiance HDR panorama, 64 x 32 px, with flat scan lines: brighter to the right, and 40 at the sun.
 fn panorama(path: &Path) {
     let mut bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n".to_vec();
     for at in 0..64 * 32u32 {
         let (x, y) = ((at % 64) as u8, at / 64);
-        // Mantissa / 256 times 2 to the exponent less 128.
+        // Each value is mantissa / 256 * 2^(exponent - 128).
         bytes.extend(if (x, y) == (32, 16) {
             [160, 160, 160, 134]
         } else {
@@ -92,7 +92,7 @@ fn a_list_of_photographs_and_a_panorama_becomes_tuples() {
                 continue;
             }
             *side += 1;
-            // Indoors and outdoors face each other, with what the list says of each.
+            // A scene has an indoor and an outdoor side, with the values of the list.
             let exposure = if name == "front" { 0.5 } else { 1.0 };
             assert_eq!(line[name]["exposure"], exposure);
             assert_eq!(line[name]["yaw_deg"], 40.0);
@@ -115,7 +115,7 @@ fn a_list_of_photographs_and_a_panorama_becomes_tuples() {
 }
 
 #[test]
-fn mistakes_in_a_list_are_found_when_it_is_planned() {
+fn planning_finds_mistakes_in_a_list() {
     let folder = tempfile::tempdir().unwrap();
     let good = list(folder.path());
     let recipe = folder.path().join("recipe.toml");

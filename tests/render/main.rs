@@ -1,11 +1,11 @@
-//! Whole images: from scene lines and recipes to pixels, against an independent renderer, against photographs, and
-//! against themselves in other cuts.
+//! Renders scene lines and recipes, and compares whole images with an independent renderer, with photographs, and with
+//! renderings with other threads and tiles.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,
     clippy::print_stderr,
     clippy::print_stdout,
-    reason = "tests may panic in any function, damage files, show numbers, and say why they cannot run here"
+    reason = "tests may panic in any function, damage files, show numbers, and print why they are skipped"
 )]
 
 mod estimate;

@@ -1,4 +1,4 @@
-//! Scenes with triangle meshes, from PLY files to tuples.
+//! Renders scenes with triangle meshes, from PLY files to tuples.
 
 use crate::support::outputs::{exr_channels, files, quarantine_reason, tuple_record};
 use crate::support::program::{run, text};
@@ -6,7 +6,7 @@ use crate::support::scenes::{photographs, scene, write_lines};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// A room of six walls around the lens, with a step inside, in millimetres and with y up: binary, quads, uchar colours.
+/// Makes a room of six walls around the lens with a step inside, as a binary PLY: mm, y up, quads, uchar colours.
 fn room() -> Vec<u8> {
     let boxes = [
         ([-1500.0, -1000.0, -4000.0], [1500.0, 1200.0, 1000.0]),
@@ -47,7 +47,7 @@ fn room() -> Vec<u8> {
     ply
 }
 
-/// The room as a side: metres, and y down instead of up, z ahead instead of back.
+/// Makes a side with the room in metres, y down and z ahead.
 fn mesh(file: &str) -> Value {
     json!({
         "mesh": file, "unit_m": 0.001,
@@ -92,7 +92,7 @@ fn meshes_render_on_either_side() {
         assert!(input.iter().all(|v| v.is_finite() && *v >= 0.0));
         let mean = input.iter().sum::<f32>() / input.len() as f32;
         assert!(mean > 0.02, "{id}: {mean}");
-        // Twelve quads are 24 triangles; what lies wholly behind the lens is the wall at the back.
+        // Twelve quads are 24 triangles; the two triangles of the rear wall are behind the lens.
         let facts = &record["facts"];
         for side in ["front", "back"] {
             let is_mesh = sides.iter().any(|(name, _)| *name == side);
@@ -104,23 +104,23 @@ fn meshes_render_on_either_side() {
             }
         }
         if id != "back" {
-            // The step's face, 2 m ahead, is not on the axis: the far wall is.
+            // The axis misses the step's face, 2 m ahead, and hits the far wall.
             let focus_m = facts["focus_distance_m"].as_f64().unwrap();
             assert!((focus_m - 4.0).abs() < 1e-6, "{focus_m}");
-            // A closed room: every path of the front ends on it.
+            // The room is closed, so that every path of the front hits it.
             assert_eq!(record["layers"]["transmission"]["miss_share"], 0.0);
         }
     }
 }
 
 #[test]
-fn a_run_takes_meshes_and_sets_bad_ones_aside() {
+fn a_run_renders_meshes_and_quarantines_bad_ones() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     photographs(folder);
     let room = room();
     std::fs::write(folder.join("room.ply"), &room).unwrap();
-    // These are well when the run is planned.
+    // These files are good when the run is planned.
     std::fs::write(folder.join("torn.ply"), &room).unwrap();
     std::fs::write(folder.join("image.ply"), &room).unwrap();
     std::fs::copy(folder.join("a.png"), folder.join("room.png")).unwrap();
@@ -130,7 +130,7 @@ fn a_run_takes_meshes_and_sets_bad_ones_aside() {
     std::fs::write(folder.join("nan.ply"), nan).unwrap();
     let mut behind = mesh("room.ply");
     behind["pose"]["translation_m"] = json!([0.0, 0.0, -5.0]);
-    // Only the wall at the back, 1 m behind the origin of the file, is left within reach of the axis.
+    // The far wall is 0.2 m ahead, nearer than the pane.
     let mut near = mesh("room.ply");
     near["unit_m"] = json!(0.00005);
     let mut aside = mesh("room.ply");
@@ -197,7 +197,7 @@ fn a_run_takes_meshes_and_sets_bad_ones_aside() {
         }
     }
 
-    // Keys that do not go together are an error of the manifest.
+    // A combination of incompatible keys is an error of the manifest.
     let mut mixed = scene("mixed");
     mixed["front"]["mesh"] = json!("room.ply");
     write_lines(&manifest, &[mixed]);

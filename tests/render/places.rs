@@ -1,4 +1,4 @@
-//! Photographs in the layout of PLACES365, with relative depth: from folders to tuples.
+//! Renders photographs in the layout of PLACES365 with relative depth, from folders to tuples.
 
 use crate::support::outputs::{files, tuple_record, tuples};
 use crate::support::program::{run, text};
@@ -38,7 +38,7 @@ range = { near_m = 4.0, far_m = 40.0 }
 why = "a guess"
 "#;
 
-/// Turns sampled photographs into PLACES365's folders: inverse depth with some gain and shift, as an estimator has it.
+/// Converts sampled photographs to PLACES365's folders, with scaled and shifted inverse depth as from an estimator.
 fn places(folder: &Path) {
     let made = folder.join("made");
     let size = ["--width", "64", "--height", "64"];
@@ -70,7 +70,7 @@ fn places(folder: &Path) {
         put("places", ".png", &std::fs::read(made.join(&path)).unwrap());
         put("places-depth", "-dpt_large_384.npy", &npy);
     }
-    // Of a category that is not wanted, and without depth.
+    // A photograph of an unlisted category, and one without depth.
     let kitchen = folder.join("places/data_256/k/kitchen");
     std::fs::create_dir_all(&kitchen).unwrap();
     std::fs::write(kitchen.join("00000001.jpg"), b"").unwrap();
@@ -98,7 +98,7 @@ fn photographs_of_places_become_tuples() {
     assert_eq!(manifest, plan("again"));
     for line in manifest.lines() {
         let line: Value = serde_json::from_str(line).unwrap();
-        // One side is indoors, the other is not.
+        // One side is indoors, and the other is outdoors.
         let sides = [&line["front"], &line["back"]];
         let indoors = sides.iter().filter(|s| s["color"].as_str().unwrap().contains("bedroom"));
         assert_eq!(indoors.count(), 1, "{line}");
@@ -129,7 +129,7 @@ fn photographs_of_places_become_tuples() {
 }
 
 #[test]
-fn what_is_missing_is_said() {
+fn missing_inputs_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     places(folder.path());
     let recipe = folder.path().join("recipe.toml");

@@ -1,4 +1,4 @@
-//! Photographs of published RGBD sets through the real binary, against lookups in the same photographs.
+//! Renders photographs of public RGB-D data sets, and compares the tuples with lookups in the photographs.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, Photo, SETS, Set, find_sets, write_motorcycle_depth};
 use crate::support::program::PROGRAM;
@@ -13,13 +13,13 @@ use std::process::Command;
 
 /// Side of the film, px.
 const FILM: usize = 256;
-/// What 64 samples a pixel, half floats and the lookup's 16 x 16 positions may differ by, linear.
+/// Limit of the linear RMSE between 64 samples per pixel in half floats and a lookup at 16 x 16 positions.
 const LOOKUP_RMSE: f64 = 2e-3;
 
-/// A front and a back of [`SETS`] by name, the apex, the pane's tilt.
+/// Names of a front and a back in [`SETS`], apex, and tilt of the pane.
 type Pair = (&'static str, &'static str, &'static str, [f64; 2]);
 
-/// Each set once in front and once behind at least.
+/// Pairs with each set at least once in front and once behind.
 const PAIRS: [Pair; 10] = [
     ("motorcycle", "basement", "mirror", [0.0, 0.0]),
     ("basement", "kitchen", "camera", [0.0, 0.0]),
@@ -60,7 +60,7 @@ fn every_layout_renders_and_the_clean_reflection_is_the_photograph() {
             lookup.map_or(String::new(), |(rmse, _)| format!("{rmse:.1e}")),
         );
         tuple.assert_sound();
-        // Holes as another reader of the file counts them; nothing of these sets is within 0.3 m.
+        // Another reader of the file counts the same holes. No surface of these sets is within 0.3 m.
         assert_eq!(facts.filled_share.front, front.hole_share(&root, folder.path()));
         assert_eq!(facts.filled_share.back, back.hole_share(&root, folder.path()));
         assert_eq!(facts.too_near_share.front + facts.too_near_share.back, 0.0);
@@ -69,7 +69,7 @@ fn every_layout_renders_and_the_clean_reflection_is_the_photograph() {
             let miss = tuple.miss("clean_reflection");
             assert!((miss - outside).abs() < 1e-3, "misses {miss}, outside {outside}");
         }
-        // The pane and the lens move the border of what the front does not show by little.
+        // The pane and the lens move the border of the front photograph only slightly.
         let (_, outside) = Photo::open(&root.join(front.color)).crop(front, FILM, false);
         let miss = tuple.miss("transmission");
         assert!((miss - outside).abs() < 0.01, "misses {miss}, outside {outside}");
@@ -108,7 +108,7 @@ fn set(name: &str) -> &'static Set {
     SETS.iter().find(|set| set.name == name).unwrap()
 }
 
-/// The paper's camera and pane with the pair's tilt.
+/// Makes a scene line of a pair, with the paper's camera and pane.
 fn pair_line((front, back, apex, tilt_deg): &Pair) -> Value {
     let mut line = json!({
         "schema": "glasshouse.scene/1",
@@ -124,7 +124,7 @@ fn pair_line((front, back, apex, tilt_deg): &Pair) -> Value {
     line
 }
 
-/// Runs a manifest of the scenes; tuples by id.
+/// Runs a manifest of the scenes; returns the tuples by id.
 fn render(root: &Path, folder: &Path, scenes: &[Value]) -> BTreeMap<String, RealTuple> {
     write_motorcycle_depth(root, &folder.join(MOTORCYCLE_DEPTH));
     let manifest = folder.join("real.jsonl");
@@ -150,7 +150,7 @@ fn render(root: &Path, folder: &Path, scenes: &[Value]) -> BTreeMap<String, Real
         .collect()
 }
 
-/// A tuple as it was written.
+/// A tuple read from its files.
 struct RealTuple {
     record: TupleRecord,
     layers: BTreeMap<&'static str, Vec<[f32; 3]>>,
@@ -194,7 +194,7 @@ impl RealTuple {
         self.record.layers[name].miss_share
     }
 
-    /// No pixel is missing, NaN, infinite, negative or brighter than anything photographed; I - R~ is a front.
+    /// Asserts that no pixel is missing, NaN, infinite, negative or brighter than the photographs, and that I >= R~.
     fn assert_sound(&self) {
         let id = &self.record.scene.id;
         let most = &self.record.facts.max_radiance;

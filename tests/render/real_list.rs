@@ -21,7 +21,7 @@ const FRAMES: [(&str, &str, &str); 6] = [
     ("road", "kitti_road/rgb/0000000005.png", "kitti_road/depth/0000000005.png"),
 ];
 
-/// A line of the list for a frame of `set`.
+/// Makes a line of the list for a frame of `set`.
 fn line(set: &Set, color: &str, depth: &str) -> Value {
     let mut line = set.line();
     line["color"] = json!(color);
@@ -32,7 +32,8 @@ fn line(set: &Set, color: &str, depth: &str) -> Value {
     line
 }
 
-/// Photographs with relative depth. Their cameras are unknown; 60 degrees is the assumed horizontal field of view.
+/// Makes lines of photographs with relative depth. Their cameras are unknown, and get a horizontal field of view of 60
+/// degrees.
 fn estimates() -> [Value; 2] {
     let camera = |width: u32, height: u32| {
         let [w, h] = [width, height].map(f64::from);
@@ -98,7 +99,7 @@ pairs = { photos = 12 }
 
 /// Leaves `target/tmp/real-photographs/photos` behind for other recipes (`--root photos=...`).
 #[test]
-fn the_sets_are_farmed_from_a_list() {
+fn a_list_of_the_sets_is_rendered() {
     let Some(root) = find_sets() else { return };
     let root = root.canonicalize().unwrap();
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("real-photographs");

@@ -1,11 +1,11 @@
-//! Relative depths of published photographs: metres from the depth range of the line.
+//! Converts relative depths of public photographs to metres by the depth range of the line.
 
 use crate::real_sets::find_sets;
 use render::formats::{NamedBytes, PhotographFiles};
 use render::line::Photograph;
 use render::scene::{Sheet, decode_photograph};
 
-/// An estimate (larger is nearer, also negative), and a disparity image without calibration, in which 0 is unknown.
+/// Decodes an estimate (larger is nearer, also negative), and an uncalibrated disparity image, where 0 is unknown.
 #[test]
 fn relative_depths_of_real_photographs_become_metres() {
     let Some(folder) = find_sets() else { return };
@@ -23,7 +23,7 @@ fn relative_depths_of_real_photographs_become_metres() {
             PhotographFiles { color: named(color), depth: named(depth), mask: mask.map(named) };
         decode_photograph(&line, &files).unwrap()
     };
-    // Rows of the upper and of the lower quarter: ground lies nearer than what is above it.
+    // Mean depth of a quarter of the rows, to compare the ground with the upper rows.
     let z_m = |sheet: &Sheet, quarter: usize| {
         let count = sheet.inverse_depth_per_m.len() / 4;
         let rows = quarter * count..(quarter + 1) * count;
@@ -44,7 +44,7 @@ fn relative_depths_of_real_photographs_become_metres() {
     assert!((ends.far_m / ends.near_m - 8.0).abs() < 1e-9, "{ends:?}");
     assert!(ends.clamped_share > 0.0 && ends.clamped_share < 0.05, "{ends:?}");
     assert!(z_m(&sheet, 0) > 2.0 * z_m(&sheet, 3));
-    // The same with metres for the ends, and from its 16-bit form, which is cut into steps.
+    // The estimate with a range in metres equals its 16-bit form, except for quantisation.
     let range = r#"{"near_m":3,"far_m":60,"percentiles":[1,99]}"#;
     let fine = decode(moon[0], moon[1], None, range);
     let coarse = decode(moon[0], "moon_estimated/moon.png", None, range);

@@ -1,4 +1,4 @@
-//! Scene files of the published sets, for `glasshouse bench`: each set in front and behind, the paper's camera and pane.
+//! Makes scene files of the public sets for `glasshouse bench`: a set on both sides, the paper's camera and pane.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, SETS, find_sets, write_motorcycle_depth};
 use crate::support::program::PROGRAM;
@@ -9,7 +9,7 @@ use std::process::Command;
 
 /// Writes `target/tmp/real-scenes/SET.json` and checks that the program accepts them.
 #[test]
-fn scene_files_of_the_sets_are_written_and_taken() {
+fn scene_files_of_the_sets_are_accepted() {
     let Some(root) = find_sets() else { return };
     let root = root.canonicalize().unwrap();
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("real-scenes");

@@ -1,29 +1,30 @@
-//! The published sets: their files, what a scene line says of them, and readers that share no code with the program's.
+//! Files and scene lines of the public data sets, and readers that share no code with the program.
 
 use render::atomic_file;
 use serde_json::{Value, json};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Depth of `motorcycle` in metres, made by [`write_motorcycle_depth`] beside the manifest.
+/// Depth of `motorcycle`, m, which [`write_motorcycle_depth`] writes beside the manifest.
 pub(crate) const MOTORCYCLE_DEPTH: &str = "motorcycle_depth.npy";
 
-/// One photograph of a set.
+/// A photograph of a data set.
 pub(crate) struct Set {
     pub(crate) name: &'static str,
-    /// Under the sets' root.
+    /// Path below the root of the sets.
     pub(crate) color: &'static str,
-    /// Under the sets' root, or [`MOTORCYCLE_DEPTH`].
+    /// Path below the root of the sets, or [`MOTORCYCLE_DEPTH`].
     pub(crate) depth: &'static str,
     pub(crate) depth_unit_m: f64,
     /// fx, fy, cx, cy; the image's corner is (0, 0).
     pub(crate) intrinsics: [f64; 4],
 }
 
-/// Intrinsics are the sources' with 0.5 added to cx and cy, for these put pixel centres at integers.
+/// Photographs of seven sets. Intrinsics are those of the sources plus 0.5 px in cx and cy, because the sources put
+/// pixel centres at integers.
 ///
-/// None has `fill` "far": the holes of these sets lie between measured pixels (also those of `road`, the rows of
-/// a lidar), so the farthest depth would be behind the things around them.
+/// No set has `fill` "far": the holes are between measured pixels (also in `road`, between the rows of a lidar), so
+/// that the farthest depth would be behind the objects around a hole.
 pub(crate) const SETS: [Set; 7] = [
     Set {
         name: "motorcycle",
@@ -67,8 +68,8 @@ pub(crate) const SETS: [Set; 7] = [
         depth_unit_m: 1.0 / 256.0,
         intrinsics: [707.0493, 707.0493, 604.5814, 181.0066],
     },
-    // No source gives its camera. Chosen: `basement`'s, resized by 250/480 to 333 x 250, cut to the middle
-    // 304 x 228, resized to 224 x 224.
+    // The source has no intrinsics. These are `basement`'s after resizing by 250/480 to 333 x 250, cropping to the
+    // central 304 x 228, and resizing to 224 x 224.
     Set {
         name: "dining",
         color: "nyu_dining_npy/rgb.npy",
@@ -78,7 +79,7 @@ pub(crate) const SETS: [Set; 7] = [
     },
 ];
 
-/// The folder of the sets, or a note that there is none.
+/// Returns the folder of the sets; prints a note if it does not exist.
 pub(crate) fn find_sets() -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/rgbd");
     if root.join("README.md").is_file() {
@@ -89,7 +90,7 @@ pub(crate) fn find_sets() -> Option<PathBuf> {
 }
 
 impl Set {
-    /// `front` or `back` of a scene line.
+    /// Makes `front` or `back` of a scene line.
     pub(crate) fn line(&self) -> Value {
         let [fx, fy, cx, cy] = self.intrinsics;
         let depth = match self.depth {
@@ -102,7 +103,7 @@ impl Set {
         })
     }
 
-    /// Share of the depth image without a finite depth above 0.
+    /// Returns the share of the depth image without a finite depth above 0.
     pub(crate) fn hole_share(&self, root: &Path, converted: &Path) -> f64 {
         let depths: Vec<f64> = match self.depth {
             MOTORCYCLE_DEPTH => read_npy::<f32>(&converted.join(MOTORCYCLE_DEPTH)).1,
@@ -121,7 +122,7 @@ impl Set {
     }
 }
 
-/// Shape and values of a C-ordered `.npy`.
+/// Returns shape and values of a C-ordered `.npy`.
 fn read_npy<T: npyz::Deserialize + Into<f64>>(path: &Path) -> (Vec<u64>, Vec<f64>) {
     let bytes = std::fs::read(path).unwrap();
     let file = npyz::NpyFile::new(&bytes[..]).unwrap();
@@ -130,16 +131,16 @@ fn read_npy<T: npyz::Deserialize + Into<f64>>(path: &Path) -> (Vec<u64>, Vec<f64
     (shape, values.into_iter().map(Into::into).collect())
 }
 
-/// Disparity of a deflated `.npz`, with infinity where nothing is known, to metres, with infinity there too.
+/// Converts the disparity in a deflated `.npz` to metres. Unknown values are infinite in both.
 pub(crate) fn write_motorcycle_depth(root: &Path, to: &Path) {
     let path = root.join("middlebury_motorcycle/motorcycle_disp.npz");
     let mut archive = zip::ZipArchive::new(std::fs::File::open(path).unwrap()).unwrap();
     let mut npy = Vec::new();
     archive.by_name("arr_0.npy").unwrap().read_to_end(&mut npy).unwrap();
     let disparity = npyz::NpyFile::new(&npy[..]).unwrap();
-    // The header says `<f4` in C order for both arrays alike.
+    // Both arrays are `<f4` in C order and have the same header.
     let header = npy.len() - disparity.shape().iter().product::<u64>() as usize * 4;
-    // Focal length times baseline, over the disparity and the principal points' distance.
+    // Focal length times baseline, over the sum of the disparity and the principal points' distance.
     let depth_m = |d: f32| {
         if d.is_finite() {
             (994.978 * 0.193001 / (f64::from(d) + 31.086)) as f32
@@ -176,13 +177,13 @@ impl Photo {
         Self { size, rgb_lin }
     }
 
-    /// What a pinhole of 55 mm at the capture camera sees, `film` px square, and the share that lies outside the
-    /// outermost pixel centres: the mean of 16 x 16 bilinear lookups a pixel.
+    /// Renders the view of a 55 mm pinhole at the capture camera, `film` px square, from 16 x 16 bilinear lookups per
+    /// pixel. Also returns the share of lookups outside the outermost pixel centres.
     pub(crate) fn crop(&self, set: &Set, film: usize, mirrored: bool) -> (Vec<[f64; 3]>, f64) {
         const SUB: usize = 16;
         let tan_half_fov = 36f64.hypot(24.0) / 110.0 / 2f64.sqrt();
         let [fx, fy, cx, cy] = set.intrinsics;
-        // Each lookup's two texels, the fraction between them, and whether it is outside.
+        // For each lookup: two texels, the fraction between them, and true if the lookup is outside.
         let axis =
             |focal_px: f64, center_px: f64, count: usize| -> Vec<(usize, usize, f64, bool)> {
                 (0..film * SUB)

@@ -1,4 +1,4 @@
-//! `render`: one scene, the farm's pixels.
+//! Tests `render`, which makes the same pixels as a farm.
 
 use crate::support::outputs::{assert_same, exr_channels, files, read_json, tuples};
 use crate::support::program::{run, text};
@@ -11,7 +11,7 @@ const LAYERS: [&str; 4] = ["input", "transmission", "glass_reflection", "clean_r
 
 type Files = BTreeMap<std::path::PathBuf, Vec<u32>>;
 
-/// Every file of `render`: bits of R, G, B; bytes of PNGs.
+/// Reads every file of `render`: the bits of R, G, B of an EXR, and the bytes of a PNG.
 fn rendered(out: &Path) -> Files {
     let mut found = BTreeMap::new();
     for path in files(out) {
@@ -34,7 +34,7 @@ fn rendered(out: &Path) -> Files {
 }
 
 #[test]
-fn threads_and_tiles_change_nothing() {
+fn threads_and_tiles_do_not_change_images() {
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
     let path = folder.path().join("scene.json");
@@ -84,7 +84,7 @@ fn sample_counts_are_powers_of_two() {
 }
 
 #[test]
-fn a_tuple_can_be_made_again() {
+fn a_tuple_can_be_rendered_again() {
     let place = place();
     run(&place.arguments("run", &[])).expect(0);
     assert_same(&tuples(&place.run), reference());
@@ -117,7 +117,7 @@ fn a_tuple_can_be_made_again() {
 }
 
 #[test]
-fn wrong_scenes_are_named() {
+fn errors_name_the_wrong_scene() {
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
     let path = folder.path().join("scene.json");

@@ -5,7 +5,7 @@ use crate::support::program::{command, run, text, wait_until};
 use crate::support::scenes::{place, reference};
 
 #[test]
-fn threads_and_tiles_change_nothing() {
+fn threads_and_tiles_do_not_change_tuples() {
     for (threads, tile) in [("1", "16"), ("1", "64"), ("2", "64"), ("1", "100"), ("2", "100")] {
         let place = place();
         run(&[
@@ -25,7 +25,7 @@ fn threads_and_tiles_change_nothing() {
 }
 
 #[test]
-fn instruction_sets_change_nothing() {
+fn instruction_sets_do_not_change_tuples() {
     let mut compared = 0;
     for isa in ["baseline", "avx2"] {
         let place = place();
@@ -43,7 +43,7 @@ fn instruction_sets_change_nothing() {
 }
 
 #[test]
-fn a_run_can_be_moved_under_way() {
+fn an_unfinished_run_can_be_moved() {
     let place = place();
     let mut child = command(&place.arguments("run", &["-j", "1"])).spawn().unwrap();
     let tuple_folders = place.run.join("tuples");

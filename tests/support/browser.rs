@@ -1,17 +1,17 @@
-//! Debian's `chromium` without a screen, where there is one.
+//! Loads pages in Debian's `chromium` in headless mode, if it is installed.
 
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// A page as rendered by a browser.
 pub(crate) struct Browsed {
-    /// The page as it was at the end.
+    /// The document after the scripts have run.
     pub(crate) dom: String,
-    /// Lines of its console.
+    /// Lines of the browser's console.
     pub(crate) console: Vec<String>,
 }
 
-/// A page as the browser has it after `virtual_ms` of its own time; `None` without a browser.
+/// Loads a page and runs it for `virtual_ms` of the browser's virtual time; returns `None` without a browser.
 pub(crate) fn browse(url: &str, virtual_ms: u32, more: &[&str]) -> Option<Browsed> {
     let profile = tempfile::tempdir().unwrap();
     let (out, log) = (profile.path().join("dom.html"), profile.path().join("log.txt"));

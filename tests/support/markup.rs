@@ -1,9 +1,9 @@
-//! Pages as a strict reader sees them: what browsers forgive is an error here.
+//! Parses pages strictly: errors that browsers tolerate make a test fail.
 
 use scraper::{ElementRef, Html, Selector};
 use std::collections::BTreeSet;
 
-/// Parses a page that must be well formed, have a language and a title, and need nothing but itself.
+/// Parses a page that must be well-formed and self-contained, and have a language and a title.
 #[track_caller]
 pub(crate) fn strictly(page: &str) -> Html {
     let html = Html::parse_document(page);
@@ -16,7 +16,7 @@ pub(crate) fn strictly(page: &str) -> Html {
     let mut ids = BTreeSet::new();
     for element in all(&html, "[id]") {
         let id = element.attr("id").unwrap();
-        assert!(ids.insert(id), "two elements are called {id}");
+        assert!(ids.insert(id), "two elements have the id {id}");
     }
     for image in all(&html, "img") {
         let alt = image.attr("alt").unwrap_or_default();
@@ -28,17 +28,17 @@ pub(crate) fn strictly(page: &str) -> Html {
     }
     for link in all(&html, "a[href^='#']") {
         let id = link.attr("href").unwrap().trim_start_matches('#');
-        assert!(ids.contains(id), "{id} is nowhere");
+        assert!(ids.contains(id), "no element has the id {id}");
     }
     html
 }
 
-/// All elements of a selector.
+/// Returns all elements of a selector.
 pub(crate) fn all<'a>(html: &'a Html, selector: &str) -> Vec<ElementRef<'a>> {
     html.select(&Selector::parse(selector).unwrap()).collect()
 }
 
-/// The only one.
+/// Returns the only element of a selector.
 #[track_caller]
 pub(crate) fn one<'a>(html: &'a Html, selector: &str) -> ElementRef<'a> {
     let found = all(html, selector);
@@ -46,12 +46,12 @@ pub(crate) fn one<'a>(html: &'a Html, selector: &str) -> ElementRef<'a> {
     found[0]
 }
 
-/// An element's text.
+/// Returns an element's text.
 pub(crate) fn words(element: ElementRef) -> String {
     element.text().collect()
 }
 
-/// The exact values of the numbers inside an element.
+/// Returns the exact values of the numbers inside an element.
 pub(crate) fn values(element: ElementRef) -> Vec<f64> {
     let data = Selector::parse("data").unwrap();
     let values = element.select(&data);

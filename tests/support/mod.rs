@@ -1,4 +1,4 @@
-//! What several test binaries need: the program as a process, inputs to work on, outputs decoded, and servers.
+//! Support for several test binaries: runs the program, makes inputs, decodes outputs, and starts servers.
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 
 pub(crate) mod browser;

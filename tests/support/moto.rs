@@ -1,5 +1,5 @@
-//! Another S3 server (moto), in Python: it knows absent buckets, answers with parts of objects, and speaks TLS. It looks
-//! whether a key is taken and then writes, so of two puts at the same instant both may be told that theirs is new.
+//! Starts another S3 server, moto in Python, which reports absent buckets, returns parts of objects and has TLS. Its
+//! conditional puts check a key and then write, so that two simultaneous puts may both succeed.
 
 use super::program::text;
 use super::tools::{Daemon, free_port, listens, wait_for};
@@ -8,21 +8,21 @@ use std::net::TcpStream;
 use std::path::Path;
 use std::process::Command;
 
-/// A moto_server, killed when it is dropped.
+/// A moto_server, which is killed when dropped.
 pub(crate) struct Moto {
     _server: Daemon,
     endpoint: String,
 }
 
 impl Moto {
-    /// Starts one with an empty bucket; none, with a line that says so, where it is not installed.
+    /// Starts a server with an empty bucket; returns `None`, and prints a note, if moto is not installed.
     pub(crate) fn start() -> Option<Self> {
         let server = Self::spawn("http", &[])?;
         server.make_bucket();
         Some(server)
     }
 
-    /// One that speaks TLS, with `cert.pem` and `key.pem` of a folder, and has no bucket.
+    /// Starts a server with TLS, with `cert.pem` and `key.pem` of a folder, and without a bucket.
     pub(crate) fn start_tls(keys: &Path) -> Option<Self> {
         let (certificate, key) = (keys.join("cert.pem"), keys.join("key.pem"));
         Self::spawn("https", &["-s", "-c", text(&certificate), "-k", text(&key)])
@@ -41,7 +41,7 @@ impl Moto {
         Some(Self { _server: server, endpoint: format!("{scheme}://localhost:{port}") })
     }
 
-    /// moto believes every signature, and none.
+    /// Makes the bucket with an unsigned request, because moto accepts any or no signature.
     fn make_bucket(&self) {
         use std::io::{Read, Write};
         let address = self.endpoint.trim_start_matches("http://");

@@ -1,4 +1,4 @@
-//! A real NATS server on loopback.
+//! Starts real NATS servers on the loopback interface.
 
 use super::tools::{Daemon, free_port, listens, make_keys, wait_for};
 use glasshouse::farm::queue::NatsOptions;
@@ -8,7 +8,7 @@ use std::process::Command;
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// A nats-server with JetStream, killed when it is dropped.
+/// A nats-server with JetStream, which is killed when dropped.
 pub(crate) struct Nats {
     server: Option<Daemon>,
     port: u16,
@@ -16,7 +16,7 @@ pub(crate) struct Nats {
 }
 
 impl Nats {
-    /// Starts one; none, with a line that says so, where the program is not installed.
+    /// Starts a server; returns `None`, and prints a note, if nats-server is not installed.
     pub(crate) fn start() -> Option<Self> {
         let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
         let server = Some(spawn(port, &folder.path().join("jetstream"))?);
@@ -27,7 +27,7 @@ impl Nats {
         format!("nats://127.0.0.1:{}", self.port)
     }
 
-    /// For a client of a test's own.
+    /// Returns the options of a test's own client.
     pub(crate) fn options(&self) -> NatsOptions {
         NatsOptions { url: self.url(), name: "test".to_owned(), ..NatsOptions::default() }
     }
@@ -36,7 +36,7 @@ impl Nats {
         self.folder.path().join("jetstream")
     }
 
-    /// SIGKILL, a pause, and a new server, with or without the stored data.
+    /// Kills the server, waits, and starts a new one, without the stored data if `forget`.
     pub(crate) fn kill_and_restart(&mut self, forget: bool) {
         self.server = None;
         if forget {
@@ -67,7 +67,7 @@ impl SecureNats {
         let folder = tempfile::tempdir().unwrap();
         make_keys(&folder.path().join("keys"), &["localhost"])?;
         let mut command = Command::new("nats-server");
-        // -1: a port that is free.
+        // Port -1 means any free port.
         command.args(["-a", "127.0.0.1", "-p", "-1", "-m", "-1", "-c"]);
         command.arg(folder.path().join("keys/server/server.conf"));
         let (server, said) = Daemon::start_and_hear(&mut command)?;
@@ -77,9 +77,9 @@ impl SecureNats {
             let (_, address) = line.split_once("client connections on ")?;
             address.trim().rsplit_once(':')?.1.parse().ok()
         });
-        // Its log is read to the end, so that it never waits for a reader.
+        // Reads the log to its end, so that the server never blocks on a full pipe.
         std::thread::spawn(move || log.for_each(drop));
-        let port = port.expect("it says where it listens");
+        let port = port.expect("nats-server logs its port");
         wait_for("the start of the server", || listens(port));
         Some(Self { _server: server, port, folder })
     }

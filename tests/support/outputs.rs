@@ -1,4 +1,4 @@
-//! Decoded results of a run.
+//! Decodes and compares the results of runs.
 
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
 use serde_json::Value;
@@ -6,14 +6,14 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// One file's content: pixels of an EXR by channel (bits, half or float), else bytes.
+/// Content of a file: pixels of an EXR by channel (type and bits), or the bytes of any other file.
 #[derive(PartialEq, Clone)]
 pub(crate) enum Content {
     Pixels(BTreeMap<String, (&'static str, Vec<u32>)>),
     Bytes(Vec<u8>),
 }
 
-/// The files of a run's tuples, by their paths below `tuples/`.
+/// Files of a run's tuples, by path below `tuples/`.
 pub(crate) type Tuples = BTreeMap<PathBuf, Content>;
 
 impl fmt::Debug for Content {
@@ -47,12 +47,12 @@ pub(crate) fn exr_channels(path: &Path) -> BTreeMap<String, (&'static str, Vec<u
     bits.collect()
 }
 
-/// All files under `folder`, with paths relative to it.
+/// Returns the paths of all files below `folder`, relative to it.
 pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let mut open = vec![folder.to_owned()];
     while let Some(next) = open.pop() {
-        // A folder may go away while a run is watched.
+        // A running process may remove a folder during the walk.
         for entry in std::fs::read_dir(&next).into_iter().flatten().flatten() {
             let path = entry.path();
             if path.is_dir() {
@@ -66,7 +66,7 @@ pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Copies all files of a folder to another one, which may not be there yet.
+/// Copies all files of a folder to another one, and creates it if necessary.
 pub(crate) fn copy_folder(from: &Path, to: &Path) {
     for file in files(from) {
         let copy = to.join(&file);
@@ -75,7 +75,7 @@ pub(crate) fn copy_folder(from: &Path, to: &Path) {
     }
 }
 
-/// A file of JSON.
+/// Reads a JSON file.
 #[track_caller]
 pub(crate) fn read_json(path: impl AsRef<Path>) -> Value {
     let path = path.as_ref();
@@ -83,26 +83,26 @@ pub(crate) fn read_json(path: impl AsRef<Path>) -> Value {
     serde_json::from_slice(&bytes).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-/// `tuple.json` of a scene.
+/// Reads the `tuple.json` of a scene.
 #[track_caller]
 pub(crate) fn tuple_record(run: &Path, scene: &str) -> Value {
     read_json(run.join("tuples").join(scene).join("tuple.json"))
 }
 
-/// Why a scene is in quarantine.
+/// Returns the reason of a scene's quarantine.
 #[track_caller]
 pub(crate) fn quarantine_reason(run: &Path, scene: &str) -> String {
     let record = read_json(run.join(format!("quarantine/{scene}.json")));
     record["reason"].as_str().unwrap().to_owned()
 }
 
-/// The lines of a run's manifest.
+/// Reads the lines of a run's manifest.
 pub(crate) fn manifest(run: &Path) -> Vec<Value> {
     let text = std::fs::read_to_string(run.join("manifest.jsonl")).unwrap();
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// The tuples of a run, decoded.
+/// Reads and decodes the tuples of a run.
 pub(crate) fn tuples(run: &Path) -> Tuples {
     let folder = run.join("tuples");
     let decode = |path: PathBuf| {
@@ -117,7 +117,7 @@ pub(crate) fn tuples(run: &Path) -> Tuples {
     files(&folder).into_iter().map(decode).collect()
 }
 
-/// Asserts that two sets of tuples are equal, naming the first file that is not.
+/// Asserts that two sets of tuples are equal; otherwise names the first file that differs.
 #[track_caller]
 pub(crate) fn assert_same(found: &Tuples, expected: &Tuples) {
     assert!(!expected.is_empty());
@@ -129,7 +129,7 @@ pub(crate) fn assert_same(found: &Tuples, expected: &Tuples) {
     }
 }
 
-/// Asserts that nothing half-made is left in a finished run.
+/// Asserts that a finished run has no temporary files and no partials.
 #[track_caller]
 pub(crate) fn assert_tidy(run: &Path) {
     for path in files(run) {

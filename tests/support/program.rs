@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 /// Path of the program.
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_glasshouse");
 
-/// A command that runs the program with `arguments` and pipes its output. The program writes each partial at once, so
-/// that a test can kill it in the middle of a short run.
+/// Makes a command that runs the program with `arguments` and pipes its output. The program writes each partial at
+/// once, so that a test can kill it in the middle of a short run.
 pub(crate) fn command<S: AsRef<OsStr>>(arguments: &[S]) -> Command {
     let mut command = Command::new(PROGRAM);
     command
@@ -23,7 +23,7 @@ pub(crate) fn command<S: AsRef<OsStr>>(arguments: &[S]) -> Command {
     command
 }
 
-/// How the program ended.
+/// Exit code and output of a finished process.
 #[derive(Debug)]
 pub(crate) struct Ended {
     pub(crate) code: Option<i32>,
@@ -91,7 +91,7 @@ pub(crate) fn send(child: &Child, signal: &str) {
     assert!(status.unwrap().success());
 }
 
-/// A process that takes longer has stalled, even on a busy machine.
+/// Time limit of a process, which only a stalled process exceeds, even on a busy machine.
 pub(crate) const LONGEST: Duration = Duration::from_mins(5);
 
 /// Waits until `is_so` returns true or the child ends. Returns false if the child ended.
@@ -101,14 +101,14 @@ pub(crate) fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) -> 
         if is_so() {
             return true;
         }
-        assert!(start.elapsed() < LONGEST, "nothing happens");
+        assert!(start.elapsed() < LONGEST, "the child makes no progress");
         // Polls, because new files are the only sign of progress.
         std::thread::sleep(Duration::from_millis(1));
     }
     false
 }
 
-/// A random number below `n`. It differs between test runs, so tests log it.
+/// Returns a random number below `n`, which differs between test runs, so that tests log it.
 pub(crate) fn random(n: usize) -> usize {
     (RandomState::new().hash_one(0) % n as u64) as usize
 }
@@ -118,7 +118,7 @@ pub(crate) fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// A tokio runtime for the servers and clients of a test.
+/// Makes a tokio runtime for the servers and clients of a test.
 pub(crate) fn runtime() -> tokio::runtime::Runtime {
     let mut builder = tokio::runtime::Builder::new_multi_thread();
     builder.worker_threads(2).enable_all().build().unwrap()

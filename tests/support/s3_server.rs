@@ -28,7 +28,7 @@ pub(crate) struct Faults {
     seed: u64,
     /// Number of faulty requests among 1,000.
     per_mille: AtomicU32,
-    /// The connection of every request ends without a response.
+    /// True while the connection of every request ends without a response.
     away: AtomicBool,
     requests: AtomicU64,
     /// A conditional put holds this lock.
@@ -128,7 +128,7 @@ impl S3Server {
         StoreOptions { settings: self.environment().into(), patience }
     }
 
-    /// The store below `prefix`.
+    /// Opens the store below `prefix`.
     pub(crate) fn store(&self, prefix: &str) -> Store {
         let address = format!("s3://{BUCKET}/{prefix}");
         Store::open(&address, &self.options(Duration::from_secs(45))).unwrap()

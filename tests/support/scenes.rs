@@ -14,7 +14,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 use tempfile::TempDir;
 
-/// Four scenes of 96 x 64 px: neither square nor divisible by the tiles of 64 and 100.
+/// A recipe of four scenes of 96 x 64 px, which is neither square nor a whole number of tiles of 64 or 100 px.
 pub(crate) const RECIPE: &str = r#"
 schema = "glasshouse.recipe/1"
 name = "small"
@@ -36,8 +36,9 @@ name = "test"
 pairs = { sample = 1 }
 "#;
 
-/// Number of scenes of [`RECIPE`], and number of shards of one scene with tiles of 16 px.
+/// Number of scenes of [`RECIPE`].
 pub(crate) const SCENES: usize = 4;
+/// Number of shards of one scene with tiles of 16 px.
 pub(crate) const SHARDS: usize = 24;
 
 /// A folder that contains the recipe and gets a run.
@@ -56,7 +57,7 @@ pub(crate) fn place() -> Place {
 }
 
 impl Place {
-    /// Arguments of `run` or `plan` with tiles of 16 px, followed by `more`.
+    /// Returns the arguments of `run` or `plan` with tiles of 16 px, followed by `more`.
     pub(crate) fn arguments<'a>(&'a self, command: &'a str, more: &[&'a str]) -> Vec<&'a str> {
         let (recipe, out) = (text(&self.recipe), text(&self.run));
         let mut all = vec![command, recipe, "--out", out, "--tile", "16"];
@@ -70,7 +71,7 @@ impl Place {
     }
 }
 
-/// The tuples of an uninterrupted run.
+/// Returns the tuples of an uninterrupted run. Renders it once.
 pub(crate) fn reference() -> &'static Tuples {
     static REFERENCE: OnceLock<Tuples> = OnceLock::new();
     REFERENCE.get_or_init(|| {
@@ -131,7 +132,7 @@ pub(crate) fn photographs(folder: &Path) {
     }
 }
 
-/// A scene line with the photographs `a` and `b`.
+/// Makes a scene line with the photographs `a` and `b`.
 pub(crate) fn scene(id: &str) -> Value {
     let photograph = |name: &str| {
         json!({
@@ -159,7 +160,7 @@ pub(crate) fn write_lines(path: &Path, lines: &[Value]) {
     std::fs::write(path, text).unwrap();
 }
 
-/// Bytes of a `.npy` of f32.
+/// Returns the bytes of a `.npy` of f32.
 pub(crate) fn npy(shape: &str, values: &[f32]) -> Vec<u8> {
     let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}");
     while (10 + header.len() + 1) % 64 != 0 {

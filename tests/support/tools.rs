@@ -1,4 +1,4 @@
-//! Other programs: run where they are installed, ended with their test.
+//! Runs other programs if they are installed, and ends them with their test.
 
 use super::program::LONGEST;
 use std::net::{TcpListener, TcpStream};
@@ -6,17 +6,17 @@ use std::path::Path;
 use std::process::{Child, ChildStderr, Command, ExitStatus, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// A server that is killed when it is dropped.
+/// A server that is killed when dropped.
 pub(crate) struct Daemon(Child);
 
 impl Daemon {
-    /// Starts one without output; none, with a line that says so, where it is not installed.
+    /// Starts a server without output; returns `None`, and prints a note, if it is not installed.
     pub(crate) fn start(command: &mut Command) -> Option<Self> {
         command.stdin(Stdio::null()).stdout(Stdio::null());
         installed(command.stderr(Stdio::null()).spawn(), command).map(Self)
     }
 
-    /// The same; returns it with its stderr.
+    /// Starts a server, and returns it with its stderr.
     pub(crate) fn start_and_hear(command: &mut Command) -> Option<(Self, ChildStderr)> {
         command.stdin(Stdio::null()).stderr(Stdio::piped());
         let mut child = installed(command.spawn(), command)?;
@@ -24,7 +24,7 @@ impl Daemon {
         Some((Self(child), said))
     }
 
-    /// How it ended, if it did.
+    /// Returns the exit status if the server has ended.
     pub(crate) fn ended(&mut self) -> Option<ExitStatus> {
         self.0.try_wait().unwrap()
     }
@@ -49,7 +49,7 @@ fn installed<T>(started: std::io::Result<T>, command: &Command) -> Option<T> {
     }
 }
 
-/// Runs a tool; nothing, and a line that says so, if it is not installed.
+/// Runs a tool; returns `None`, and prints a note, if it is not installed.
 pub(crate) fn tool(command: &mut Command) -> Option<Output> {
     installed(command.stdin(Stdio::null()).output(), command)
 }
@@ -66,7 +66,7 @@ pub(crate) fn content(output: &Output) {
     );
 }
 
-/// Waits until something is so, no longer than [`LONGEST`].
+/// Waits up to [`LONGEST`] until `is_so` returns true; `what` names the event.
 #[track_caller]
 pub(crate) fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
     let start = Instant::now();
@@ -76,18 +76,18 @@ pub(crate) fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// A port that was free a moment ago.
+/// Returns a port that is free now; another process may take it.
 pub(crate) fn free_port() -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     listener.local_addr().unwrap().port()
 }
 
-/// Whether something listens there.
+/// True if a server listens on `port`.
 pub(crate) fn listens(port: u16) -> bool {
     TcpStream::connect(("127.0.0.1", port)).is_ok()
 }
 
-/// Keys and certificates of all roles for these names, by the shipped script; nothing if a tool is missing.
+/// Makes keys and certificates of all roles for host names with the shipped script; `None` if a tool is missing.
 pub(crate) fn make_keys(folder: &Path, names: &[&str]) -> Option<()> {
     tool(Command::new("base32").arg("--version"))?;
     tool(Command::new("openssl").arg("version"))?;

@@ -1,4 +1,4 @@
-//! A folder in which the files that the examples of `--help` name are there: made once, copied for each use.
+//! Makes a folder with the files that the examples of `--help` name, and copies it for each use.
 
 use super::outputs::copy_folder;
 use super::program::{Ended, command};
@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
-/// A copy for one use.
+/// Returns a copy of the folder for one use.
 pub(crate) fn workplace() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     copy_folder(made(), folder.path());
@@ -19,7 +19,7 @@ pub(crate) fn run_in(folder: &Path, arguments: &[&str]) -> Ended {
     command(arguments).current_dir(folder).output().unwrap().into()
 }
 
-/// The one that is copied: a finished run of the smoke recipe made small, with networks if they can be trained.
+/// Makes the original: a finished run of a small smoke recipe, with networks if the program has the trainer.
 fn made() -> &'static Path {
     static MADE: OnceLock<TempDir> = OnceLock::new();
     let folder = MADE.get_or_init(|| {
@@ -49,7 +49,7 @@ fn make(folder: &Path) {
     std::fs::write(folder.join("scene.json"), scene("one").to_string()).unwrap();
     run_in(folder, &["run", "manifests/smoke.toml"]).expect(0);
     run_in(folder, &["render", "scene.json", "--out", "out"]).expect(0);
-    // What pairs and networks are scored with.
+    // Photographs for the examples of `separate` and `evaluate`.
     std::fs::copy(folder.join("a.png"), folder.join("photo.jpg")).unwrap();
     for (layer, picture) in [("blended", "a.png"), ("transmission_layer", "b.png")] {
         let layer = folder.join("pairs").join(layer);

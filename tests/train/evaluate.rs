@@ -1,4 +1,4 @@
-//! Trained networks on a run's scenes, on published pairs and on photographs.
+//! Tests trained networks on a run's scenes, on public pairs and on photographs.
 
 use crate::support::program::{Ended, command, run, send, text, wait_until};
 use crate::support::scenes::{Place, place};
@@ -6,14 +6,14 @@ use image::{ExtendedColorType, ImageEncoder, Rgb, RgbImage};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// A run with one test scene and three train scenes of 96 x 64 px.
+/// Makes a finished run with one test scene and three train scenes of 96 x 64 px.
 fn merged() -> Place {
     let place = place();
     run(&place.arguments("run", &["-q"])).expect(0);
     place
 }
 
-/// Trains both stages for some steps.
+/// Trains both stages for four steps.
 fn train(place: &Place) {
     let more = "--width 4 --crop 32 --discriminator-width 2 -q";
     for stage in ["backtrack", "separation"] {
@@ -25,7 +25,7 @@ fn train(place: &Place) {
     }
 }
 
-/// The commands' folders as text.
+/// Converts a path to text.
 fn shown(path: &Path) -> String {
     path.display().to_string()
 }
@@ -35,7 +35,7 @@ fn methods(json: &Value) -> Vec<&str> {
     rows.iter().map(|r| r["method"].as_str().unwrap()).collect()
 }
 
-/// PSNR of all samples of two pictures together, dB.
+/// Returns the PSNR over all samples of two pictures, dB.
 fn psnr_db(a: &Path, b: &Path) -> f64 {
     let [a, b] = [a, b].map(|path| image::open(path).unwrap().into_rgb8());
     assert_eq!(a.dimensions(), b.dimensions());
@@ -43,7 +43,7 @@ fn psnr_db(a: &Path, b: &Path) -> f64 {
     10.0 * (255.0 * 255.0 / (squares.sum::<f64>() / a.len() as f64)).log10()
 }
 
-/// Folders of a run's tuples that begin with `split`.
+/// Returns the folders of a run's tuples with names that begin with `split`.
 fn tuples(run: &Path, split: &str) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(run.join("tuples")).unwrap();
     let mut tuples: Vec<PathBuf> = entries.map(|e| e.unwrap().path()).collect();
@@ -59,7 +59,7 @@ fn tuples(run: &Path, split: &str) -> Vec<PathBuf> {
 fn a_run_is_scored() {
     let place = merged();
     let run_folder = text(&place.run);
-    // Before any training: the pictures as they are.
+    // Before any training, the table has only the inputs.
     let ended = run(&["evaluate", run_folder, "--json"]).expect(0).says(&["the run has no SP-net"]);
     assert_eq!(methods(&ended.json()).len(), 2);
 
@@ -80,14 +80,14 @@ fn a_run_is_scored() {
     let expected_db = psnr_db(&tuple.join("input.png"), &tuple.join("transmission.png"));
     let found_db = json["rows"][0]["psnr_colour_db"].as_f64().unwrap();
     assert!((found_db - expected_db).abs() < 1e-9, "{found_db} {expected_db}");
-    // Rendered pairs lie on each other: nothing is measured.
+    // Rendered pairs need no alignment.
     assert!(json["rows"][0]["aligned"].is_null());
 
     let files: Vec<&str> =
         json["files"].as_array().unwrap().iter().map(|f| f.as_str().unwrap()).collect();
     assert_eq!(files.len(), 4);
     let folder = place.run.join("train/evaluation");
-    // One test scene: the input, times a gain, the network's output, the truth.
+    // The pictures of the test scene are input, input times gain, output and truth.
     let pictures = image::open(folder.join("evaluation.png")).unwrap();
     let first = image::open(tuples(&place.run, "test")[0].join("input.png")).unwrap();
     assert_eq!(pictures.width(), 4 * (first.width() + 4));
@@ -102,7 +102,7 @@ fn a_run_is_scored() {
     let written: Value = serde_json::from_str(&read("evaluation.json")).unwrap();
     assert_eq!(written["rows"], json["rows"]);
 
-    // The output is the table; rows can be named, chosen and repeated, and splits as well.
+    // Without --json, stdout has the table. Rows and splits can be chosen, and rows can be named.
     let out = place.folder.path().join("scores");
     let step = format!("ours={}", shown(&place.run.join("train/separation/step-0000004")));
     let more = ["--split", "all", "--out", text(&out), "--protocol", "paper", "-q"];
@@ -113,7 +113,7 @@ fn a_run_is_scored() {
     assert!(!ended.stdout.contains("channel mean"), "{ended:?}");
     let csv = std::fs::read_to_string(out.join("evaluation.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + 4 * 4);
-    // As many threads as one likes.
+    // Scores do not depend on the number of threads.
     let on = |threads: &str| {
         let json = run(&["evaluate", run_folder, "--json", "-j", threads]).expect(0).json();
         json["rows"].clone()
@@ -121,7 +121,7 @@ fn a_run_is_scored() {
     assert_eq!(on("1"), on("2"));
     assert_eq!(on("1"), json["rows"]);
 
-    // One name for two rows.
+    // Two rows must not have the same name.
     let twice = ["--checkpoint", run_folder, "--checkpoint", run_folder];
     run(&[&["evaluate", run_folder][..], &twice].concat())
         .expect(2)
@@ -129,11 +129,11 @@ fn a_run_is_scored() {
 }
 
 #[test]
-fn what_is_not_there_is_listed() {
+fn missing_and_damaged_tuples_are_listed() {
     let place = merged();
     let run_folder = text(&place.run);
     let [test, train] = ["test", "train"].map(|split| tuples(&place.run, split));
-    // Damaged, and not merged.
+    // One tuple is damaged, and one is not merged.
     std::fs::write(train[1].join("input.png"), b"\x89PNG\r\n\x1a\nnothing").unwrap();
     std::fs::remove_file(train[2].join("tuple.json")).unwrap();
     let ended = run(&["evaluate", run_folder, "--split", "all", "--json"]).expect(3).says(&[
@@ -143,7 +143,7 @@ fn what_is_not_there_is_listed() {
     ]);
     let json = ended.json();
     assert_eq!(json["images"], 2);
-    // The damaged one is not among those that the gain is fitted to, either.
+    // The fit of the gain also leaves out the damaged tuple.
     assert_eq!(json["gain"]["images"], 1);
     assert_eq!(json["left_out"].as_array().unwrap().len(), 3);
     std::fs::remove_dir_all(&test[0]).unwrap();
@@ -152,7 +152,7 @@ fn what_is_not_there_is_listed() {
     ended.says(&["nothing to score", "glasshouse work"]);
 }
 
-/// A smooth picture with edges.
+/// Makes a smooth picture with edges.
 fn picture(width: u32, height: u32) -> RgbImage {
     RgbImage::from_fn(width, height, |x, y| {
         let edge = if (x / 23 + y / 17) % 2 == 0 { 60 } else { 0 };
@@ -160,14 +160,14 @@ fn picture(width: u32, height: u32) -> RgbImage {
     })
 }
 
-/// A JPEG that is to be turned clockwise.
+/// Encodes a JPEG with an Exif orientation that rotates it clockwise.
 fn turned_jpeg(picture: &RgbImage) -> Vec<u8> {
     let (width, height) = picture.dimensions();
     let mut bytes = Vec::new();
     image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 95)
         .write_image(picture, width, height, ExtendedColorType::Rgb8)
         .unwrap();
-    // One entry of a little-endian TIFF directory: tag 0x112, one 16-bit number, 6.
+    // A little-endian TIFF directory with one entry: tag 0x112, one 16-bit number, 6.
     let mut segment = b"\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0".to_vec();
     segment.extend(b"\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0");
     bytes.splice(2..2, segment);
@@ -217,14 +217,14 @@ fn photographs_are_separated() {
     }
     assert_eq!(std::fs::read_dir(file("one")).unwrap().count(), 6);
 
-    // The library makes the same of the same pixels, and the tile's size hardly matters.
+    // A run without tiles makes nearly the same picture.
     let whole = file("whole");
     run(&["separate", text(&place.run), text(&images[0]), "--out", text(&whole), "-q"]).expect(0);
     let near_db =
         psnr_db(&whole.join("large.transmission.png"), &file("one/large.transmission.png"));
     assert!(near_db > 30.0, "{near_db}");
 
-    // The folder of a stage or checkpoint is accepted like the run.
+    // `separate` also accepts the folder of a stage or of a checkpoint.
     let stage = place.run.join("train/separation");
     for checkpoint in [&stage, &stage.join("step-0000004")] {
         let out = file("again");
@@ -235,7 +235,7 @@ fn photographs_are_separated() {
 }
 
 #[test]
-fn separations_that_cannot_be_are_refused() {
+fn impossible_separations_are_refused() {
     let place = merged();
     train(&place);
     let folder = place.folder.path();
@@ -252,19 +252,19 @@ fn separations_that_cannot_be_are_refused() {
     separate(run_folder, &[text(&image), text(&namesake)], &out)
         .expect(2)
         .says(&["both become", "a.transmission.png"]);
-    // An image that would be overwritten.
+    // The output would overwrite an image.
     let made = folder.join("a.transmission.png");
     picture(40, 30).save(&made).unwrap();
     separate(run_folder, &[text(&image), text(&made)], folder)
         .expect(2)
         .says(&["would be overwritten"]);
-    // No checkpoint, or one without an SP-net.
+    // The folder has no checkpoint, or a checkpoint without an SP-net.
     separate(text(folder), &[text(&image)], &out).expect(4).says(&["holds no checkpoint"]);
     let backtrack = shown(&place.run.join("train/backtrack"));
     separate(&backtrack, &[text(&image)], &out).expect(4).says(&["BT-net alone"]);
     assert!(!out.exists());
 
-    // A damaged checkpoint: as such it is refused, and in its stage an older one takes its place.
+    // A damaged checkpoint is refused, and an older checkpoint of the stage replaces it.
     let stage = place.run.join("train/separation");
     run(&["train", run_folder, "--stage", "separation", "--steps", "6", "-q"]).expect(0);
     let newest = stage.join("step-0000006");
@@ -297,7 +297,7 @@ fn published_pairs_are_scored() {
     assert_eq!(csv.lines().count(), 1 + 37);
     assert_eq!(csv.lines().filter(|line| line.contains(",no,")).count(), beside);
     assert!(read("evaluation.md").contains("Means without them:"));
-    // Pictures without a known truth are named.
+    // The table names folders of pictures without a truth.
     assert!(read("evaluation.md").contains("ceilnet_real_inputs_only"));
 
     let place = merged();
@@ -315,7 +315,7 @@ fn published_pairs_are_scored() {
         let was = image::open(image).unwrap();
         assert_eq!((made.width(), made.height()), (was.width(), was.height()));
     }
-    // The gain of a run's train scenes, on pairs.
+    // Scores pairs with the gain of a run's train scenes.
     let pairs = root.join("kim2020");
     let more = ["--fit-gain", text(&place.run), "--checkpoint", text(&place.run), "--json"];
     let json =

@@ -1,6 +1,6 @@
 """Makes tests/train/mixtures.safetensors, for src/train/mixture/tests.rs.   pip install numpy scipy opencv-python-headless safetensors
 
-Pictures are f32, planes of R, G and B. Each case NAME has its parameters NAME.draw (for Zhang: sigma_px, attenuation, mask_row,
+Pictures are f32 planes of R, G and B. Each case NAME has its parameters NAME.draw (for Zhang: sigma_px, attenuation, mask_row,
 mask_column, transmitted; for CEILNet: sigma_px), NAME.input and NAME.reflection."""
 
 import cv2
@@ -21,7 +21,7 @@ def clip(values):
     return np.clip(values, 0, 1)
 
 
-# The vignette: square roots of a Gaussian's shares in 560 x 560 cells of 3 sigmas to each side, the largest 1.
+# The vignette: square roots of a Gaussian's shares in 560 x 560 cells up to 3 sigma, scaled to a maximum of 1.
 half_cell = 7 / 560 / 2
 shares = np.diff(norm.cdf(np.linspace(-3 - half_cell, 3 + half_cell, 561)))
 vignette = np.sqrt(np.outer(shares, shares))

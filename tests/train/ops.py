@@ -1,4 +1,4 @@
-"""Makes tests/train/ops.safetensors: what PyTorch computes in f64, for src/train/ops/tests.rs.   pip install torch safetensors numpy
+"""Makes tests/train/ops.safetensors, PyTorch's results in f64, for src/train/ops/tests.rs.   pip install torch safetensors numpy
 
 Each case NAME has its inputs NAME.x, NAME.w, ..., the result NAME.y, the gradient of the result NAME.g, and the gradients of
 the inputs NAME.dx, NAME.dw, ..., all as f32."""

@@ -1,4 +1,4 @@
-"""Prints the numbers that src/compose/score.rs compares itself with.   pip install scikit-image numpy opencv-python-headless"""
+"""Prints the expected scores in src/compose/score.rs.   pip install scikit-image numpy opencv-python-headless"""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Prints the number that src/preview/ssim.rs compares itself with.   pip install scikit-image numpy"""
+"""Prints the expected SSIM in src/compose/ssim.rs.   pip install scikit-image numpy"""
 
 import numpy as np
 from skimage.metrics import structural_similarity

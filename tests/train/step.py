@@ -1,9 +1,9 @@
-"""Makes step.safetensors: a step of the separation stage in PyTorch, double precision, for src/train/step_tests.rs.
+"""Makes step.safetensors, a step of the separation stage in PyTorch in double precision, for src/train/step_tests.rs.
 
     pip install torch numpy safetensors; python3 tests/train/step.py
 
-Narrow networks of the full shape: VGG-19 with widths / 32, generators of width 6, a discriminator of width 4, odd image sizes.
-The seed is one at which no unit stands at a kink of ReLU, max or |x|: PyTorch's own single precision agrees with its double.
+Networks are narrow: VGG-19 with widths / 32, generators of width 6, a discriminator of width 4. Image sizes are odd.
+With this seed, no unit is at a kink of ReLU, max or |x|, so that single and double precision agree in PyTorch.
 """
 
 import pathlib
@@ -24,7 +24,7 @@ FEATURE, ADVERSARIAL, RATE = 0.2, 0.01, 1e-4
 
 
 def draw(seed):
-    """Everything that the step is made of, as float32 values."""
+    """Draws the weights and images of the step, as float32 values."""
     make = torch.Generator().manual_seed(seed)
     normal = lambda *shape, scale=1.0: torch.randn(*shape, generator=make) * scale
     tensors, channels = {}, 3

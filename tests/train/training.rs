@@ -1,5 +1,5 @@
-//! Training by the program: killed and resumed, changed, damaged, fed from everywhere, and the same bits where they are
-//! promised.
+//! Tests training by the program: kills, changes, damage, all kinds of examples, and equal bits where the program
+//! promises them.
 
 use crate::support::outputs::{copy_folder, files};
 use crate::support::program::{command, random, run, text, wait_until};
@@ -31,10 +31,10 @@ name = "test"
 pairs = { sample = 2 }
 "#;
 
-/// The smallest networks.
+/// Options for the smallest networks.
 const SMALL: [&str; 6] = ["--width", "4", "--crop", "40", "--discriminator-width", "2"];
 
-/// A finished run.
+/// Returns the folder of a finished run. Renders it once.
 fn made() -> &'static Path {
     static MADE: OnceLock<TempDir> = OnceLock::new();
     let folder = MADE.get_or_init(|| {
@@ -48,7 +48,7 @@ fn made() -> &'static Path {
     folder.path()
 }
 
-/// A copy of it for one test.
+/// A copy of the finished run for one test.
 struct Place {
     folder: TempDir,
     run: PathBuf,
@@ -74,7 +74,7 @@ impl Place {
         run(&arguments).expect(0).json()
     }
 
-    /// The files of a checkpoint.
+    /// Reads the files of a checkpoint.
     fn checkpoint(&self, stage: &str, step: u64) -> BTreeMap<String, Vec<u8>> {
         let folder = self.folder_of(stage, step);
         let names = ["model.safetensors", "optimizer.safetensors", "state.json"];
@@ -91,7 +91,7 @@ fn small<'a>(more: &[&'a str]) -> Vec<&'a str> {
     SMALL.into_iter().chain(more.iter().copied()).collect()
 }
 
-/// Both stages in one go on one thread.
+/// Returns the checkpoints of an uninterrupted training of both stages on one thread.
 fn reference() -> &'static [BTreeMap<String, Vec<u8>>; 2] {
     static REFERENCE: OnceLock<[BTreeMap<String, Vec<u8>>; 2]> = OnceLock::new();
     REFERENCE.get_or_init(|| {
@@ -104,7 +104,7 @@ fn reference() -> &'static [BTreeMap<String, Vec<u8>>; 2] {
 }
 
 #[test]
-fn a_training_that_is_killed_ends_with_the_same_bits() {
+fn a_killed_training_resumes_with_the_same_bits() {
     let place = place();
     let mut kills = 0;
     for (stage, steps, all) in [("backtrack", "30", 30), ("separation", "40", 40)] {
@@ -125,11 +125,11 @@ fn a_training_that_is_killed_ends_with_the_same_bits() {
         let ended = place.train(stage, steps, &["-j", "2"]);
         assert_eq!(ended["step"].as_u64(), Some(all));
     }
-    assert!(kills > 0, "every training was over before it was killed");
+    assert!(kills > 0, "every training ended before its kill");
     let [backtrack, separation] = reference();
     assert!(place.checkpoint("backtrack", 30) == *backtrack);
     assert!(place.checkpoint("separation", 40) == *separation);
-    // A line a step, each once, whatever was done twice.
+    // Each step has one line, even if it was repeated.
     let csv = std::fs::read_to_string(place.run.join("train/separation/metrics.csv")).unwrap();
     let steps: Vec<u64> =
         csv.lines().skip(1).map(|l| l.split(',').next().unwrap().parse().unwrap()).collect();
@@ -139,7 +139,7 @@ fn a_training_that_is_killed_ends_with_the_same_bits() {
 }
 
 #[test]
-fn half_and_half_are_the_whole_and_what_is_done_is_not_done_again() {
+fn a_resumed_training_has_the_same_bits_and_repeats_no_step() {
     let place = place();
     place.train("backtrack", "15", &small(&["-j", "2", "--seed", "2020"]));
     let ended = place.train("backtrack", "30", &["-j", "1"]);
@@ -147,14 +147,14 @@ fn half_and_half_are_the_whole_and_what_is_done_is_not_done_again() {
     assert!(place.checkpoint("backtrack", 30) == reference()[0]);
     let again = place.train("backtrack", "30", &[]);
     assert_eq!(again["steps_taken"].as_u64(), Some(0));
-    // Another seed is another training.
+    // Another seed yields another training.
     let other = self::place();
     other.train("backtrack", "30", &small(&["--seed", "1"]));
     assert!(other.checkpoint("backtrack", 30) != reference()[0]);
 }
 
 #[test]
-fn interrupted_it_keeps_every_step() {
+fn an_interrupted_training_keeps_every_step() {
     let place = place();
     let csv = place.run.join("train/backtrack/metrics.csv");
     let lines = || std::fs::read_to_string(&csv).unwrap_or_default().lines().count();
@@ -170,13 +170,13 @@ fn interrupted_it_keeps_every_step() {
 }
 
 #[test]
-fn other_settings_are_refused_with_what_differs() {
+fn other_settings_are_refused_with_the_differences() {
     let place = place();
     place.train("backtrack", "2", &small(&[]));
     run(&place.arguments("backtrack", "4", &["--width", "8", "--learning-rate", "0.001"]))
         .expect(5)
         .says(&["width: 4 -> 8", "learning_rate: 0.0001 -> 0.001", "step-0000002"]);
-    // What networks are made of stays in the next stage; how they learn is its own.
+    // The next stage keeps the shape of the networks, but may change the settings of learning.
     run(&place.arguments("separation", "4", &["--width", "8"])).expect(5).says(&["width: 4 -> 8"]);
     let ended = place.train("separation", "2", &["--learning-rate", "0.001", "--no-a-priori"]);
     assert_eq!(ended["settings"]["a_priori"], false);
@@ -186,7 +186,7 @@ fn other_settings_are_refused_with_what_differs() {
 }
 
 #[test]
-fn a_changed_recipe_is_refused_with_what_differs() {
+fn a_changed_recipe_is_refused_with_the_differences() {
     let folder = tempfile::tempdir().unwrap();
     let recipe = folder.path().join("lesson.toml");
     let out = folder.path().join("run");
@@ -198,7 +198,7 @@ fn a_changed_recipe_is_refused_with_what_differs() {
         std::fs::write(&recipe, format!("{RECIPE}{train}")).unwrap();
     };
     let arguments = ["run", text(&recipe), "--out", text(&out), "--json"];
-    // What could not be trained is said before anything is traced.
+    // `run` reports impossible settings before it traces a scene.
     write(2, "crop_px = 64");
     run(&arguments).expect(4).says(&["train.settings.crop_px is 64", "film.width can be 56"]);
     write(2, "crop_px = 40\nreal_share = 0.5");
@@ -208,7 +208,7 @@ fn a_changed_recipe_is_refused_with_what_differs() {
     let first = run(&arguments).expect(0).json();
     assert_eq!(first["train"]["separation"]["step"].as_u64(), Some(2));
     assert_eq!(first["train"]["evaluation"]["rows"][0]["method"], "input");
-    // Done is done; more steps go on; other settings are another training.
+    // A finished training is not repeated, more steps continue it, and other settings are refused.
     let again = run(&arguments).expect(0).json();
     assert_eq!(again["train"]["separation"]["steps_taken"].as_u64(), Some(0));
     assert_eq!(again["train"]["evaluation"]["rows"], first["train"]["evaluation"]["rows"]);
@@ -229,7 +229,7 @@ fn separation_needs_a_bt_net() {
 }
 
 #[test]
-fn a_damaged_checkpoint_gives_way_to_the_one_before() {
+fn an_older_checkpoint_replaces_a_damaged_one() {
     let place = place();
     place.train("backtrack", "30", &small(&["--checkpoint-every", "10"]));
     for (name, damage) in
@@ -257,7 +257,7 @@ fn a_damaged_checkpoint_gives_way_to_the_one_before() {
 }
 
 #[test]
-fn a_damaged_tuple_is_named_and_nothing_is_lost() {
+fn errors_name_a_damaged_tuple() {
     let place = place();
     place.train("backtrack", "1", &small(&[]));
     let tuples = files(&place.run.join("tuples"));
@@ -269,13 +269,13 @@ fn a_damaged_tuple_is_named_and_nothing_is_lost() {
         std::fs::write(&path, bytes).unwrap();
     }
     run(&place.arguments("backtrack", "9", &[])).expect(1).says(&["tuple.exr", "audit"]);
-    // The 8-bit files are whole.
+    // Another copy has intact 8-bit files.
     let other = self::place();
     other.train("backtrack", "2", &small(&["--pixels", "png"]));
 }
 
 #[test]
-fn it_follows_a_farm_that_is_still_at_work() {
+fn training_follows_a_running_farm() {
     let done = place();
     done.train("backtrack", "12", &small(&["--follow"]));
     let place = place();
@@ -291,7 +291,7 @@ fn it_follows_a_farm_that_is_still_at_work() {
 }
 
 #[test]
-fn photographs_are_mixed_and_real_pairs_join_in() {
+fn mixtures_of_photographs_and_real_pairs_are_examples() {
     let place = place();
     for kind in ["zhang", "ceilnet"] {
         let place = self::place();
@@ -315,11 +315,11 @@ fn photographs_are_mixed_and_real_pairs_join_in() {
     let ended = place.train("separation", "6", &more);
     assert_eq!(ended["real_pairs"].as_u64(), Some(scenes.len() as u64));
     let csv = std::fs::read_to_string(place.run.join("train/separation/metrics.csv")).unwrap();
-    // Of a real pair T alone is known: every other line has no loss of R~.
+    // A real pair has only T, so that every other line has no loss of R~.
     let known: Vec<bool> =
         csv.lines().skip(1).map(|l| !l.split(',').nth(4).unwrap().is_empty()).collect();
     assert_eq!(known.iter().filter(|k| **k).count(), 3, "{csv}");
-    // Other pairs are other examples.
+    // A changed set of pairs is refused.
     for folder in ["blended", "transmission_layer"] {
         std::fs::remove_file(real.join(folder).join("0.png")).unwrap();
     }
@@ -342,7 +342,7 @@ fn features_are_random_or_from_a_file_and_both_are_recorded() {
     run(&place.arguments("backtrack", "4", &["--features", text(&model)]))
         .expect(4)
         .says(&["features.0.weight", "torchvision"]);
-    // BT-net knows the features of these weights alone.
+    // BT-net has learned with the features of the unchanged weights.
     let changed = place.folder.path().join("changed.safetensors");
     let mut bytes = std::fs::read(&weights).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
@@ -364,7 +364,7 @@ fn tensorboard_reads_the_events() {
     let python =
         |arguments: &[&str]| std::process::Command::new("python3").args(arguments).output();
     if !python(&["-c", "import tensorboard"]).is_ok_and(|o| o.status.success()) {
-        eprintln!("skipped: there is no tensorboard here (pip install tensorboard)");
+        eprintln!("skipped: tensorboard is not installed (pip install tensorboard)");
         return;
     }
     let place = place();

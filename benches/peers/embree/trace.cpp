@@ -1,15 +1,15 @@
-// Embree on the rays that glasshouse's tracer casts, in world space, one thread.
+// Times Embree, with one thread, on the rays of glasshouse's tracer in world space.
 //
 //   trace RAYS VERTICES NX NY [HITS] [--max-rays N]
 //
-// RAYS      f32 ox oy oz dx dy dz a ray, pixel by pixel, 256 to a pixel
-// VERTICES  f32 x y z a vertex of the NX x NY sheet, row by row; quads are split along the diagonal (i+1,j)-(i,j+1)
-// HITS      f32 z of glasshouse's hit a ray
+// RAYS      f32 ox oy oz dx dy dz per ray, pixel by pixel, 256 rays per pixel
+// VERTICES  f32 x y z per vertex of the NX x NY sheet, row by row; quads are split along the diagonal (i+1,j)-(i,j+1)
+// HITS      f32 z of glasshouse's hit, per ray
 //
-// Prints one JSON object: Mrays/s of CPU time for each way to call Embree, the best of them, and how many rays disagree.
-// What is favourable to Embree is done: packets are laid out before the clock starts, denormals are flushed, rays are
-// announced as coherent (up to 4 times as fast as without), triangles and quads and both build qualities are tried, and
-// the fastest of three runs counts.
+// Prints one JSON object: Mrays per CPU second for each way to call Embree, the best of them, and the shares of rays
+// that miss or disagree. The measurement favours Embree: packets are laid out before the clock starts, denormals are
+// flushed, rays are flagged as coherent (up to 4 times as fast), triangles and quads and both build qualities are
+// tried, and the fastest of three runs counts.
 
 #include <embree3/rtcore.h>
 #include <pmmintrin.h>
@@ -52,7 +52,7 @@ double cpu_seconds() {
     return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-/// Keeps whole pixels, evenly spread, so that bundles stay what they are.
+/// Chooses whole pixels, evenly spread, so that bundles stay complete.
 std::vector<size_t> chosen_rays(size_t count, size_t most) {
     const size_t pixels = count / kPixel, wanted = std::max<size_t>(1, std::min(pixels, most / kPixel));
     std::vector<size_t> chosen;
@@ -78,7 +78,7 @@ RTCScene build(RTCDevice device, const std::vector<float>& vertices, uint32_t nx
     for (uint32_t j = 0; j + 1 < ny; ++j)
         for (uint32_t i = 0; i + 1 < nx; ++i) {
             const uint32_t a = j * nx + i, b = a + 1, c = a + nx, d = c + 1;
-            // Embree cuts a quad between its second and fourth corner: the diagonal of the triangles.
+            // Embree splits a quad between its second and fourth corner, as the triangles do.
             const std::vector<uint32_t> order = way.quads ? std::vector<uint32_t>{a, b, d, c} : std::vector<uint32_t>{a, b, c, b, d, c};
             corners = std::copy(order.begin(), order.end(), corners);
         }
@@ -93,7 +93,7 @@ RTCScene build(RTCDevice device, const std::vector<float>& vertices, uint32_t nx
     return scene;
 }
 
-/// Rays and their order.
+/// All rays, and the indices of those to trace.
 struct Rays {
     const float* all;
     std::vector<size_t> chosen;
@@ -118,7 +118,7 @@ void set_ray(Ray& ray, const float* r) {
     ray.tnear = 0.0f, ray.tfar = INFINITY, ray.time = 0.0f, ray.mask = ~0u, ray.id = 0, ray.flags = 0;
 }
 
-/// Mrays/s of packets of N; fills `depth` with each ray's z.
+/// Returns Mrays/s of packets of N; fills `depth` with each ray's z.
 template <class Packet, size_t N>
 double packets(RTCScene scene, const Rays& rays, std::vector<float>& depth) {
     std::vector<Packet> fresh(rays.chosen.size() / N);
@@ -151,7 +151,7 @@ double packets(RTCScene scene, const Rays& rays, std::vector<float>& depth) {
     return static_cast<double>(rays.chosen.size()) / best * 1e-6;
 }
 
-/// Mrays/s of single rays, or of streams of one pixel's rays.
+/// Returns Mrays/s of single rays, or of streams of one pixel's rays; fills `depth` with each ray's z.
 double singles(RTCScene scene, const Rays& rays, bool streams, std::vector<float>& depth) {
     std::vector<RTCRayHit> fresh(rays.chosen.size());
     for (size_t k = 0; k < fresh.size(); ++k) {
@@ -177,7 +177,7 @@ double singles(RTCScene scene, const Rays& rays, bool streams, std::vector<float
     return static_cast<double>(rays.chosen.size()) / best * 1e-6;
 }
 
-/// How Embree's depths compare with glasshouse's, as JSON. A miss is no disagreement: the sheet ends where glasshouse continues it.
+/// Compares Embree's depths with glasshouse's, as JSON. A miss is not a difference: only glasshouse extends sheets.
 std::string compare(const std::vector<float>& depth, const std::vector<float>& hits, const Rays& rays) {
     size_t missed = 0, differ = 0;
     for (size_t k = 0; k < depth.size(); ++k) {
@@ -210,7 +210,7 @@ int main(int argc, char** argv) {
     const std::vector<float> hits = files.size() > 4 ? read_floats(files[4]) : std::vector<float>();
     if (vertices.size() != size_t{nx} * ny * 3) fail("VERTICES does not hold NX * NY points");
     if (all.size() < 6 * kPixel || all.size() % (6 * kPixel)) fail("RAYS does not hold whole pixels of 256 rays");
-    if (!hits.empty() && hits.size() != all.size() / 6) fail("HITS does not hold one depth a ray");
+    if (!hits.empty() && hits.size() != all.size() / 6) fail("HITS does not hold one depth per ray");
     const Rays rays{all.data(), chosen_rays(all.size() / 6, most)};
 
     _MM_SET_FLUSH_ZERO_MODE(_MM_FLUSH_ZERO_ON);

@@ -1,4 +1,4 @@
-//! The program knows every command and flag in launch files and their pages.
+//! Checks that the program has every command and flag in launch files and their pages.
 
 use super::yaml::documents;
 use super::{launch_files, repository};
@@ -16,7 +16,7 @@ fn is_command(word: &str) -> bool {
     !word.is_empty() && word.bytes().all(|b| b.is_ascii_lowercase())
 }
 
-/// Command lines in a text: a script, a unit, a page.
+/// Returns the command lines in a script, a unit or a page.
 fn lines_of_text(place: &str, text: &str) -> Vec<Line> {
     // In pages and comments, code is between backticks.
     let text = text.replace("\\\n", " ").replace('`', "\n");
@@ -29,7 +29,7 @@ fn lines_of_text(place: &str, text: &str) -> Vec<Line> {
         });
         for (start, _) in starts {
             let rest = &words[start + 1..];
-            // `"$(command -v glasshouse)"`
+            // Skips the rest of `"$(command -v glasshouse)"`.
             let rest = rest.strip_prefix(["-v", "glasshouse)\""].as_slice()).unwrap_or(rest);
             let is_end = |word: &&str| {
                 word.starts_with(['|', '&', ';', '>', '#', ')']) || word.starts_with("2>")
@@ -47,7 +47,7 @@ fn lines_of_text(place: &str, text: &str) -> Vec<Line> {
     found
 }
 
-/// Command lines among a document's `args` and `command`s.
+/// Adds the command lines in a document's `args` and `command`s to `found`.
 fn lines_of_yaml(place: &str, value: &Yaml, found: &mut Vec<Line>) {
     match value {
         Yaml::Hash(map) => {
@@ -107,7 +107,7 @@ fn all_lines() -> Vec<Line> {
     found
 }
 
-/// The flags in a command's help; `None` for an unknown command.
+/// Returns the flags in a command's help; `None` for an unknown command.
 fn flags(command: &str) -> Option<BTreeSet<String>> {
     let help = run(&[command, "--help"]);
     let flags = help
@@ -118,7 +118,7 @@ fn flags(command: &str) -> Option<BTreeSet<String>> {
     (help.code == Some(0)).then(|| flags.collect())
 }
 
-/// `--name=value`, `-j4`, `[--store`: the flag alone.
+/// Returns the flag of `--name=value`, `-j4` or `[--store`.
 fn flag(word: &str) -> Option<&str> {
     let word = word.trim_start_matches('[');
     if let Some(long) = word.strip_prefix("--") {
@@ -131,7 +131,7 @@ fn flag(word: &str) -> Option<&str> {
 }
 
 #[test]
-fn the_program_knows_every_command_and_flag() {
+fn the_program_has_every_command_and_flag() {
     let mut known: BTreeMap<String, Option<BTreeSet<String>>> = BTreeMap::new();
     let mut count = 0;
     for Line { place, words } in all_lines() {
@@ -154,7 +154,7 @@ fn command_lines_are_found_in_texts() {
     let found = lines_of_text("", text);
     let words: Vec<Vec<&str>> =
         found.iter().map(|l| l.words.iter().map(String::as_str).collect()).collect();
-    // A command substitution's first word is not `glasshouse` itself.
+    // `x=$(glasshouse` is not the word `glasshouse`, so that the first line has no command.
     assert_eq!(words, [["status", "R", "--json"]]);
     let found = lines_of_text("", "    exec glasshouse work r --queue q -j4 & # --no\n");
     assert_eq!(found[0].words, ["work", "r", "--queue", "q", "-j4"]);

@@ -4,7 +4,7 @@ use super::launch;
 use super::yaml::{argument, at, documents, strings};
 use yaml_rust2::Yaml;
 
-/// Every workload with its name.
+/// Returns every workload with its name.
 fn workloads() -> Vec<(String, Yaml)> {
     let files = ["nats", "coordinator", "workers"];
     let all = files.iter().flat_map(|f| documents(&launch(&format!("kubernetes/{f}.yaml"))));
@@ -37,7 +37,7 @@ fn pods_have_least_privileges() {
         let profile = at(security, "seccompProfile.type");
         assert_eq!(profile.as_str(), Some("RuntimeDefault"));
         let [container] = pod["containers"].as_vec().unwrap().as_slice() else {
-            panic!("{name} has not one container");
+            panic!("{name} must have one container");
         };
         let security = &container["securityContext"];
         for (key, value) in [("readOnlyRootFilesystem", true), ("allowPrivilegeEscalation", false)]
@@ -67,7 +67,7 @@ fn mounted_volumes_exist_and_secrets_are_read_only() {
             assert!(found.is_some() || is_claim, "{name} has no volume {volume}");
             if let Some(secret) = found.and_then(|v| at(v, "secret.secretName").as_str()) {
                 assert_eq!(mount["readOnly"].as_bool(), Some(true), "{name}: {volume}");
-                // make-keys.sh names the roles' folders.
+                // make-keys.sh makes a folder for each of these roles.
                 let role = secret.strip_prefix("glasshouse-").unwrap();
                 assert!(["server", "coordinator", "worker"].contains(&role));
             }
@@ -81,7 +81,7 @@ fn jobs_restart_after_a_stop_and_fail_after_permanent_errors() {
         [("glasshouse-coordinator", "FailJob"), ("glasshouse-workers", "FailIndex")]
     {
         let job = workload(name);
-        // A failure policy requires this.
+        // A pod failure policy requires `Never`.
         let restart = at(&job, "spec.template.spec.restartPolicy");
         assert_eq!(restart.as_str(), Some("Never"));
         let rules = at(&job, "spec.podFailurePolicy.rules").as_vec().unwrap();
@@ -109,7 +109,7 @@ fn workers_are_an_indexed_job_with_time_to_requeue() {
     assert!(spec["backoffLimitPerIndex"].as_i64().is_some());
     let pod = at(spec, "template.spec");
     assert!(pod["terminationGracePeriodSeconds"].as_i64().unwrap() >= 60);
-    // As many processors as threads.
+    // A pod has as many processors as threads.
     let words = words("glasshouse-workers");
     let threads = words.iter().find_map(|w| w.strip_prefix("-j")).unwrap();
     let cpu = at(pod, "containers.0.resources.limits.cpu").as_str();

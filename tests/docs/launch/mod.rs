@@ -1,4 +1,4 @@
-//! The launch files of `workers/`, checked with the tools that are installed and with the program.
+//! Checks the launch files of `workers/` with the program and with installed tools.
 
 mod flags;
 mod kubernetes;
@@ -13,12 +13,12 @@ pub(crate) fn repository() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// A launch file's path.
+/// Returns a launch file's path.
 pub(crate) fn launch(name: &str) -> PathBuf {
     repository().join("workers").join(name)
 }
 
-/// All launch files with one of these endings, sorted.
+/// Returns all launch files with one of these endings, sorted.
 pub(crate) fn launch_files(endings: &[&str]) -> Vec<PathBuf> {
     let mut folders = vec![repository().join("workers")];
     let mut found = Vec::new();

@@ -36,7 +36,7 @@ fn base32(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// CRC-16/XMODEM, the checksum of nkeys.
+/// Computes CRC-16/XMODEM, the checksum of nkeys.
 fn crc16(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0, |crc, byte| {
         (0..8).fold(crc ^ (u16::from(*byte) << 8), |crc, _| {
@@ -55,7 +55,7 @@ fn nkey(text: &str, prefix: usize) -> (Vec<u8>, Vec<u8>) {
 }
 
 #[test]
-fn the_checksum_is_the_published_one() {
+fn crc16_and_base32_match_published_values() {
     assert_eq!(crc16(b"123456789"), 0x31c3);
     assert_eq!(base32("MZXW6YTBOI"), b"foobar");
 }
@@ -98,7 +98,7 @@ fn each_role_has_its_own_key() {
 }
 
 #[test]
-fn keys_are_for_their_owner_alone() {
+fn only_the_owner_can_read_keys() {
     let folder = tempfile::tempdir().unwrap();
     if make_keys(&folder.path().join("keys"), &["localhost"]).is_none() {
         return;
@@ -135,7 +135,7 @@ fn existing_keys_are_kept_and_missing_keys_are_made() {
     let first = all();
     make_keys(&folder.path().join("keys"), &["localhost"]).unwrap();
     assert_eq!(all(), first);
-    // Replace a key and rename the server.
+    // The test deletes a key and renames the server.
     std::fs::remove_dir_all(folder.path().join("keys/worker")).unwrap();
     make_keys(&folder.path().join("keys"), &["queue.example", "::1"]).unwrap();
     let second = all();

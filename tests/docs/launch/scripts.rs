@@ -1,11 +1,11 @@
-//! Shell scripts and the files that shells read.
+//! Checks shell scripts and environment files.
 
 use super::launch_files;
 use crate::support::tools::{content, tool};
 use std::process::Command;
 
 #[test]
-fn scripts_are_shell() {
+fn bash_parses_the_scripts() {
     for script in launch_files(&[".sh", ".sbatch"]) {
         let Some(output) = tool(Command::new("bash").arg("-n").arg(&script)) else {
             return;
@@ -24,7 +24,7 @@ fn shellcheck_finds_no_problem() {
 
 /// Scripts without arguments print their usage and do nothing.
 #[test]
-fn scripts_explain_themselves() {
+fn scripts_print_their_usage() {
     for script in launch_files(&[".sh"]) {
         let Some(output) = tool(&mut Command::new(&script)) else {
             return;
@@ -37,7 +37,7 @@ fn scripts_explain_themselves() {
     }
 }
 
-/// A profile gives a shell two variables and nothing else; systemd and compose read the same lines.
+/// A profile sets two variables and nothing else, so that shells, systemd and compose can read it.
 #[test]
 fn profiles_set_a_lease_and_arguments() {
     for profile in launch_files(&[".env"]) {

@@ -1,4 +1,4 @@
-//! systemd's units.
+//! Checks the systemd units.
 
 use super::launch_files;
 use crate::support::program::PROGRAM;
@@ -6,8 +6,8 @@ use crate::support::tools::tool;
 use std::process::Command;
 
 #[test]
-fn systemd_understands_the_units() {
-    // It requires the programs to exist, so copies name an existing one.
+fn systemd_accepts_the_units() {
+    // `systemd-analyze` requires existing programs, so copies of the units name one.
     let folder = tempfile::tempdir().unwrap();
     let mut copies = Vec::new();
     for unit in launch_files(&[".service"]) {
@@ -30,7 +30,7 @@ fn systemd_understands_the_units() {
         eprintln!("skipped: systemd-analyze does not work here: {said}");
         return;
     }
-    // It reports an unknown key only as a warning.
+    // `systemd-analyze` reports an unknown key only as a warning.
     assert!(output.status.success(), "{said}");
     assert!(!said.contains("glasshouse-"), "{said}");
 }

@@ -1,9 +1,9 @@
-//! Reading YAML.
+//! Reads YAML files.
 
 use std::path::Path;
 use yaml_rust2::{Yaml, YamlLoader};
 
-/// The documents of a file.
+/// Reads the documents of a file.
 pub(crate) fn documents(path: &Path) -> Vec<Yaml> {
     let text = std::fs::read_to_string(path).unwrap();
     let found =
@@ -12,7 +12,7 @@ pub(crate) fn documents(path: &Path) -> Vec<Yaml> {
     found
 }
 
-/// The value at `a.b.c`; a number is an element of a list. Merge keys (`<<`) are followed, as in compose.
+/// Returns the value at `a.b.c`, where a number is an index of a list. Follows merge keys (`<<`), as compose does.
 pub(crate) fn at<'a>(value: &'a Yaml, path: &str) -> &'a Yaml {
     path.split('.').fold(value, |value, key| {
         let found = match key.parse::<usize>() {
@@ -23,13 +23,13 @@ pub(crate) fn at<'a>(value: &'a Yaml, path: &str) -> &'a Yaml {
     })
 }
 
-/// The strings of a list.
+/// Returns the strings of a list.
 pub(crate) fn strings(value: &Yaml) -> Vec<&str> {
-    let list = value.as_vec().unwrap_or_else(|| panic!("no list: {value:?}"));
+    let list = value.as_vec().unwrap_or_else(|| panic!("not a list: {value:?}"));
     list.iter().map(|item| item.as_str().unwrap()).collect()
 }
 
-/// The value of `--flag` among words, written `--flag=value` or `--flag value`.
+/// Returns the value of a flag in a command line, from `--flag=value` or `--flag value`.
 pub(crate) fn argument<'a>(words: &[&'a str], flag: &str) -> Option<&'a str> {
     let joined = words.iter().find_map(|word| word.strip_prefix(flag)?.strip_prefix('='));
     joined.or_else(|| {

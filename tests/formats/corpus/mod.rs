@@ -1,5 +1,5 @@
-//! Every reader with every seed of the fuzz targets, and with each cut short: it comes back, and what it accepts is
-//! sound. The fuzzers themselves are run as CONTRIBUTING.md says.
+//! Runs every reader on the seeds of the fuzz targets and on truncated seeds: every call returns, and accepted values
+//! are valid. CONTRIBUTING.md describes the fuzzers.
 
 mod pictures;
 #[path = "../../../fuzz/readers.rs"]
@@ -24,15 +24,15 @@ fn committed(reader: &str) -> Vec<(PathBuf, Vec<u8>)> {
 }
 
 #[test]
-fn every_reader_takes_its_seeds() {
+fn every_reader_accepts_a_seed_and_survives_truncated_ones() {
     for (name, read) in READERS {
         let files = committed(name);
         assert!(files.len() >= 2, "{name} has {} seeds", files.len());
-        // A form that has changed needs new seeds: seeds_are_made below.
+        // A changed format needs new seeds from `seeds_are_made` below.
         assert!(files.iter().any(|(_, bytes)| read(bytes)), "{name} accepts none of its seeds");
         for (_, bytes) in &files {
             read(bytes);
-            // Cut everywhere (of a long file, at a hundred places).
+            // Truncates a short seed at every byte and a long one at a hundred places.
             for length in (0..bytes.len()).step_by(bytes.len() / 100 + 1) {
                 read(&bytes[..length]);
             }
@@ -40,9 +40,9 @@ fn every_reader_takes_its_seeds() {
     }
 }
 
-/// A seed of one reader is hostile bytes for the others.
+/// A seed of one reader is hostile input for the others.
 #[test]
-fn every_reader_takes_the_seeds_of_the_others() {
+fn every_reader_survives_the_seeds_of_the_others() {
     for (_, read) in READERS {
         for (other, _) in READERS {
             for (_, bytes) in committed(other) {
@@ -52,7 +52,7 @@ fn every_reader_takes_the_seeds_of_the_others() {
     }
 }
 
-/// `cargo test --release --test formats seeds_are_made -- --ignored`
+/// Writes the seeds: `cargo test --release --test formats seeds_are_made -- --ignored`.
 #[test]
 #[ignore = "writes fuzz/seeds"]
 fn seeds_are_made() {

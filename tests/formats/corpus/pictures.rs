@@ -1,4 +1,4 @@
-//! Small good pictures of every kind that a photograph may be.
+//! Small valid pictures in every format that a photograph may have.
 
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer,

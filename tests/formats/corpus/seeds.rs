@@ -1,4 +1,4 @@
-//! Small good files of every kind: where the fuzzers start from.
+//! Small valid files of every format, the seeds of the fuzzers.
 
 use super::pictures::{images, png};
 use glasshouse::farm::queue::{Message, write_message};
@@ -14,7 +14,7 @@ use render::shard::{Golden, SPEC_SCHEMA, ShardLayout, Spec, scene_digest};
 use render::trace::{Isa, TRACER_VERSION, trace_tile};
 use std::fmt::Write;
 
-/// Reader, file name, bytes.
+/// Name of the reader, name of the file, content.
 type Seed = (&'static str, String, Vec<u8>);
 
 const LINE: &str = r#"{"schema":"glasshouse.scene/1","id":"a","split":"test","seed":7,"film":{"width":3,"height":2,"spp":4,"filter":"gaussian","order_tolerance":0.001},"camera":{"focal_length_mm":55.0,"aperture_radius_m":0.009,"focus":{"at":"front_center"}},"glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.6,"absorption_per_m":[0.1,0,5e-1],"tilt_deg":[1.5,-2]},"front":{"color":"a.png","depth":"NAME:a.npy","mask":"m.npy","transfer":"linear","depth_unit_m":0.001,"depth_kind":"distance","intrinsics":{"fx":9,"fy":9.5,"cx":1.5,"cy":1,"size":[3,2]},"exposure":2,"fill":"far"},"back":{"color":"b.png","depth":"b.npy","intrinsics":{"fx":9,"fy":9,"cx":1.5,"cy":1},"apex":"camera"}}"#;
@@ -29,7 +29,7 @@ fn plain_line() -> SceneLine {
     line
 }
 
-/// A scene of a few pixels, traced and merged by the library.
+/// Traces and merges a scene of a few pixels; returns its line, its partials and its record.
 fn traced() -> (SceneLine, Vec<Partial>, Vec<u8>) {
     let line = plain_line();
     let named = |bytes: &[u8]| NamedBytes { path: "a".into(), bytes: bytes.to_vec() };
@@ -125,7 +125,7 @@ pairs = { sample = 3 }
 "#,
 ];
 
-/// A square and a triangle, in text and in bytes.
+/// Returns a square and a triangle in each PLY format.
 fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     let header = |coding: &str, vertex: &str| {
         format!(
@@ -167,7 +167,7 @@ fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     vec![("text.ply", text.into_bytes()), ("little.ply", little), ("big.ply", big)]
 }
 
-/// Kinds that `inspect` alone reads.
+/// Returns files that only `inspect` reads.
 fn of_an_export_and_a_training() -> Vec<(&'static str, Vec<u8>)> {
     let mut shard = tar::Builder::new(vec![]);
     let picture = png(&[7; 12], 2, 2, Png::Rgb8);
@@ -190,7 +190,7 @@ fn of_an_export_and_a_training() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// Seeds of all readers.
+/// Returns the seeds of all readers.
 pub(crate) fn all() -> Vec<Seed> {
     let mut seeds: Vec<Seed> = vec![];
     for (name, bytes) in images() {
@@ -240,7 +240,7 @@ pub(crate) fn all() -> Vec<Seed> {
     seeds
 }
 
-/// Messages between the processes of a farm.
+/// Returns messages between the processes of a farm.
 fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
     let waiting = Message { task: Task { scene: 7, shards: 16..32 }, hops: 1 };
     let records = [
