@@ -27,7 +27,7 @@ pub struct CoordinateOptions<'a> {
 }
 
 /// The coordinator's view of the run, for the status page.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Watch {
     pub snapshot: Snapshot,
     pub queue: QueueState,
@@ -56,12 +56,7 @@ impl Watch {
     }
 
     pub fn new(run: &Run) -> Self {
-        Self {
-            snapshot: Snapshot::new(run, Scope::DONE),
-            queue: QueueState::default(),
-            queue_lost: None,
-            control_changes: 0,
-        }
+        Self { snapshot: Snapshot::new(run, Scope::DONE), ..Self::default() }
     }
 }
 
@@ -357,4 +352,24 @@ fn is_due(complained: &mut Option<Instant>) -> bool {
         *complained = Some(Instant::now());
     }
     due
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_old_poll_does_not_hide_a_change_by_the_page() {
+        let polled = |state| {
+            let mut snapshot = Snapshot::default();
+            snapshot.control.state = state;
+            snapshot
+        };
+        let mut watch = Watch::default();
+        watch.set_control(ControlState::Paused);
+        watch.update(polled(ControlState::Running), 0);
+        assert_eq!(watch.snapshot.control.state, ControlState::Paused);
+        watch.update(polled(ControlState::Cancelled), 1);
+        assert_eq!(watch.snapshot.control.state, ControlState::Cancelled);
+    }
 }

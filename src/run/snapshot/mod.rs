@@ -40,7 +40,7 @@ impl Scope {
 }
 
 /// A run at the time of the last refresh.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Snapshot {
     scope: Scope,
     plan: Arc<Plan>,
@@ -55,7 +55,7 @@ pub struct Snapshot {
 }
 
 /// The unchanging part of a snapshot.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Plan {
     ids: Vec<SceneId>,
     shards: Vec<u32>,
