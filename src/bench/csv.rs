@@ -3,7 +3,7 @@
 use super::ladder::LayerRow;
 use std::fmt::Write;
 
-/// `error.csv`: a row for each variant, rung and layer; an absent number is an empty field.
+/// Formats `error.csv`: one row for each variant, rung and layer; an absent number is an empty field.
 pub fn csv(rows: &[LayerRow]) -> String {
     let mut text = "variant,layer,spp,samples,cpu_s,rmse,relative_mse,bias,srgb_steps,cell_rmse_worst,cell_rmse_p99,\
                     stated_rmse,stated_over_true\n"

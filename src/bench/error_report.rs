@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 pub const ERROR_SCHEMA: &str = "glasshouse.bench_error/1";
 
-/// Errors of a scene's renderings against a reference. Its keys are those of [`ERROR_SCHEMA`].
+/// Errors of a scene's renderings against a reference, with the keys of [`ERROR_SCHEMA`].
 #[derive(Serialize)]
 pub struct ErrorReport<'a> {
     pub scene: &'a str,
@@ -36,14 +36,14 @@ pub struct ErrorReport<'a> {
     #[serde(serialize_with = "reference_object")]
     pub reference: &'a Reference,
     pub slopes: Vec<Slope>,
-    /// By variant, rung and layer.
+    /// Rows by variant, rung and layer.
     pub rows: Vec<LayerRow>,
     /// Folder of the files; absent from `error.json` itself.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub out: Option<PathBuf>,
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference to the field")]
 fn reference_object<S: Serializer>(
     reference: &&Reference,
     serializer: S,
@@ -96,7 +96,7 @@ impl fmt::Display for ErrorReport<'_> {
     }
 }
 
-/// The reference, in words.
+/// Describes the reference.
 fn truth(reference: &Reference, what: &str) -> String {
     reference.record.as_ref().map_or_else(
         || format!("the images in {}", reference.dir.display()),
@@ -104,7 +104,7 @@ fn truth(reference: &Reference, what: &str) -> String {
     )
 }
 
-/// One table per kind of sampling and layer.
+/// Formats one table for each variant and layer.
 fn text(report: &ErrorReport) -> String {
     let ErrorReport { reference, rows, slopes, .. } = report;
     let mut text = format!(
@@ -121,7 +121,7 @@ fn text(report: &ErrorReport) -> String {
             .zip(record.error_rms)
             .map(|(name, error)| format!("{name} {}", optional(error, |e| format!("{e:.1e}"))))
             .collect();
-        let _ = write!(text, " (its own stated error: {})", stated.join(", "));
+        let _ = write!(text, " (stated error of the reference: {})", stated.join(", "));
     }
     text += "\n";
     for slope in slopes {
@@ -168,7 +168,7 @@ fn text(report: &ErrorReport) -> String {
     text
 }
 
-/// One row per layer: slope and final error of each kind of sampling.
+/// Formats a table with one row for each layer: slope and final error of each variant.
 fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
     let top = rows.iter().map(|row| row.spp).max().unwrap_or(0);
     let mut head = vec!["layer".to_owned()];

@@ -1,9 +1,9 @@
-//! `glasshouse bench`: measures speed and error. Not in the pipeline.
+//! `glasshouse bench`: measures speed and error. The pipeline does not use this module.
 //!
 //! ```text
-//! scenes -> kernels (-> dump)                     bench trace: rays a second
-//!        -> calibrate                               plan: seconds of a core that a run takes
-//!        -> reference, ladder -> deviation -> fit -> csv, plot      bench error: error against CPU seconds
+//! scenes -> kernels (-> dump)                                  bench trace: rays per second
+//!        -> calibrate                                          plan: core seconds of a run
+//!        -> reference, ladder -> deviation -> fit -> csv, plot bench error: error against CPU seconds
 //! train_step                                                   bench train: CPU seconds of a step and its parts
 //! farm                                                         bench farm: overhead, makespan, resuming
 //! ```

@@ -19,7 +19,7 @@ pub struct Makespan {
     lease_s: f64,
     /// The run without faults, then the run with faults.
     pub runs: Vec<MakespanRun>,
-    /// True unless the program has a defect.
+    /// True if the tuples of all runs are bit by bit those of one process; false shows a defect.
     #[serde(rename = "tuples_equal_those_of_one_process")]
     pub tuples_equal: bool,
 }

@@ -1,4 +1,4 @@
-//! Figures of a farm simulated in virtual time.
+//! Simulates a farm in virtual time and prints its figures.
 
 use super::error::FarmBenchError;
 use crate::bench::thread_cpu_s;
@@ -86,7 +86,7 @@ impl Simulation {
             ("result", "value".to_owned()),
             ("lower bound", format!("{:.2} s", o.bound_s)),
             ("makespan", format!("{:.2} s ({:.3} x bound)", o.makespan_s, self.over_bound)),
-            ("coordinator knows", format!("{:.2} s", o.known_s)),
+            ("coordinator found all tuples", format!("{:.2} s", o.known_s)),
             ("loads", format!("{} ({:.3} a scene)", o.loads, o.loads_per_scene)),
             ("shards traced", format!("{} ({} again)", o.shards_traced, o.shards_traced_again)),
             (
@@ -99,7 +99,7 @@ impl Simulation {
             ("leases ended", o.leases_ended.to_string()),
             ("wrong acknowledgements", o.wrong_acknowledgements.to_string()),
             ("most messages in the stream", o.most_in_stream.to_string()),
-            ("looks into the store by workers", o.worker_listings.to_string()),
+            ("listings of partials by workers", o.worker_listings.to_string()),
             (
                 "coordinator",
                 format!(
@@ -107,7 +107,7 @@ impl Simulation {
                     o.reconciles, o.coordinator_pages, o.subject_pages
                 ),
             ),
-            ("published though done", o.published_though_done.to_string()),
+            ("finished tasks published", o.published_though_done.to_string()),
         ];
         markdown_table(&rows.map(|(name, value)| vec![name.to_owned(), value]), 1)
     }
