@@ -23,7 +23,7 @@ struct Class {
     /// Number of vertices across and down. Two triangles form a quad, split from (i + 1, j) to (i, j + 1).
     nx: usize,
     ny: usize,
-    /// File of little-endian f32: `[ox, oy, oz, dx, dy, dz]` of each ray, metres, capture coordinates; oz is 0, dz is 1.
+    /// File of little-endian f32: `[ox, oy, oz, dx, dy, dz]` of each ray, m, in capture coordinates; oz is 0, dz is 1.
     rays: String,
     /// File of little-endian f32: z of each ray's hit, m.
     hits: String,

@@ -1,11 +1,11 @@
-//! Checks of this machine and of its connection to store and queue: `glasshouse doctor`.
+//! `glasshouse doctor`: checks this machine and its connection to store and queue.
 //!
 //! ```text
 //! machine (cores, kernels, memory, open files)    disk (space, speed, guarantees)    clock
 //! golden (bits of the golden shard)               store, queue (answers and guarantees)
 //! ```
 //!
-//! Every check gives a [`Finding`]: a measurement, a level and advice. The checks leave no files behind.
+//! Every check returns a [`Finding`]: a measurement, a level and advice. The checks leave no files behind.
 
 mod clock;
 mod disk;
