@@ -20,7 +20,7 @@ pub fn check_queue(options: &NatsOptions) -> Vec<Finding> {
         Ok(facts) => facts,
         Err(error) => {
             let to_do =
-                "check that the server runs, that the address is right, and that this machine can reach its port";
+                "check the address, that the server runs, and that this machine can reach its port";
             return vec![Finding::fail("queue", error.to_string(), to_do)];
         }
     };

@@ -93,7 +93,7 @@ fn probe(store: &Store, key: &str, findings: &mut Vec<Finding>) -> Result<(), Fa
     Ok(())
 }
 
-/// Checks that the store refuses a second put of other bytes; otherwise, machines with different results stay undetected.
+/// Checks that the store refuses a second put of other bytes; otherwise, different results could stay undetected.
 fn once(store: &Store, key: &str) -> Result<Finding, StoreError> {
     let is_refused = match store.create(key, b"two") {
         Err(StoreError::Differs { .. }) => true,

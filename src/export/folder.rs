@@ -50,9 +50,7 @@ pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportEr
     }
     if !names.iter().any(|name| name == SUMS_FILE) {
         if let Some(name) = names.iter().find(|name| !is_part(name, request)) {
-            return Err(foreign(format!(
-                "holds {name}, which is no part of the started export"
-            )));
+            return Err(foreign(format!("holds {name}, which is no part of the started export")));
         }
         return Ok(FolderState::Begun(Box::new(there)));
     }

@@ -122,8 +122,7 @@ fn workers(logs: &[WorkLog]) -> Markup {
             }
         }
     };
-    let heads =
-        ["worker", "#threads", "#wall s", "#CPU s", "#tuples", "#shards", "version", "reason of the end"];
+    let heads = ["worker", "#threads", "#wall s", "#CPU s", "#tuples", "#shards", "version", "end"];
     let rest = logs.len().saturating_sub(WORKERS_SHOWN);
     html! {
         (table("Workers", &heads, &rows))

@@ -99,8 +99,8 @@ fn facts(
 
 /// Parses `tuple.json` and checks that it belongs to the line.
 pub(super) fn parse(line: &SceneLine, bytes: &[u8]) -> Result<TupleRecord, String> {
-    let record: TupleRecord = serde_json::from_slice(bytes)
-        .map_err(|e| format!("tuple.json cannot be read: {e}"))?;
+    let record: TupleRecord =
+        serde_json::from_slice(bytes).map_err(|e| format!("tuple.json cannot be read: {e}"))?;
     if record.scene != *line {
         return Err("tuple.json belongs to another plan".to_owned());
     }
