@@ -3,7 +3,7 @@
 //! Traced pixels get all their samples, so that the fixed cost of a pixel counts as in the run. The estimate is for one
 //! core; cores that share arithmetic units are slower when all are busy.
 
-use super::clock::thread_cpu_s;
+use super::clock::cpu_s;
 use plan::Calibration;
 use render::line::SceneLine;
 use render::scene::{LoadError, SceneFiles, load};
@@ -27,11 +27,11 @@ pub fn calibrate(
     let mut scenes = Vec::new();
     let (mut sample_s, mut load_s) = (0.0, 0.0);
     for line in spread(lines) {
-        let start = thread_cpu_s();
-        let Some(loaded) = read(line).ok().and_then(|files| load(line, &files).ok()) else {
+        let (loaded, taken) = cpu_s(|| load(line, &read(line).ok()?).ok());
+        let Some(loaded) = loaded else {
             continue;
         };
-        load_s += thread_cpu_s() - start;
+        load_s += taken;
         let (mut seconds, mut pixels) = (0.0, 0u64);
         // Cells of adaptive scenes are traced to their end.
         let samples = match line.film.target_error {
@@ -39,9 +39,8 @@ pub fn calibrate(
             Some(_) => line.film.spp,
         };
         for tile in pieces(line) {
-            let start = thread_cpu_s();
-            let traced = trace_tile(&loaded.scene, tile, 0..samples, isa);
-            seconds += thread_cpu_s() - start;
+            let (traced, taken) = cpu_s(|| trace_tile(&loaded.scene, tile, 0..samples, isa));
+            seconds += taken;
             pixels += traced.pixels.len() as u64;
             if seconds > TRACING_S {
                 break;

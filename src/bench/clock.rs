@@ -9,6 +9,13 @@ pub fn thread_cpu_s() -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
+/// Returns the result of `work` and its CPU seconds on the calling thread.
+pub(super) fn cpu_s<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let start = thread_cpu_s();
+    let result = work();
+    (result, thread_cpu_s() - start)
+}
+
 /// Returns the middle value, or the mean of the two middle values; NaN without values.
 pub(super) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();

@@ -4,7 +4,7 @@ use render::color::linear_to_srgb;
 use serde::Serialize;
 
 /// Side of a cell, px. The measures of the worst regions are RMSE values of cells.
-pub const CELL_PX: usize = 8;
+pub(super) const CELL_PX: usize = 8;
 
 /// Constant added to the squared reference in the relative error; the unit is linear radiance squared.
 const RELATIVE_FLOOR: f64 = 1e-2;

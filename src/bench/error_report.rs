@@ -1,13 +1,12 @@
 //! The result of `bench error` as text, JSON and files.
 
 use super::cpu::on_cpu;
-use super::csv::csv;
 use super::error::BenchError;
 use super::fit::Slope;
 use super::ladder::{LayerRow, VARIANTS};
 use super::plot::error_plot;
 use super::reference::Reference;
-use compose::markdown_table;
+use super::table::{csv, table};
 use render::atomic_file;
 use render::layer::Layer;
 use serde::{Serialize, Serializer};
@@ -133,22 +132,10 @@ fn text(report: &ErrorReport) -> String {
             |s| format!("RMSE ~ samples^{s:.2} over {} rungs{tail}", slope.rungs),
         );
         let _ = writeln!(text, "\n{}, {}: {fitted}\n", slope.layer, slope.variant);
-        let head = [
-            "samples",
-            "CPU s",
-            "RMSE",
-            "relative MSE",
-            "bias",
-            "sRGB steps",
-            "worst 8x8",
-            "p99 8x8",
-            "stated/true",
-        ];
-        let mut table = vec![head.map(str::to_owned).to_vec()];
         let of_slope = |row: &&LayerRow| row.variant == slope.variant && row.layer == slope.layer;
-        for row in rows.iter().filter(of_slope) {
+        let cells = rows.iter().filter(of_slope).map(|row| {
             let d = &row.deviation;
-            table.push(vec![
+            vec![
                 format!("{}", (row.samples * 10.0).round() / 10.0),
                 format!("{:.3}", row.cpu_s),
                 format!("{:.2e}", d.rmse),
@@ -158,9 +145,10 @@ fn text(report: &ErrorReport) -> String {
                 format!("{:.2e}", d.cell_rmse_worst),
                 format!("{:.2e}", d.cell_rmse_p99),
                 optional(row.stated_over_true, |ratio| format!("{ratio:.2}")),
-            ]);
-        }
-        text += &markdown_table(&table, 0);
+            ]
+        });
+        let head = "samples | CPU s | RMSE | relative MSE | bias | sRGB steps | worst 8x8 | p99 8x8 | stated/true";
+        text += &table(head, cells, 0);
     }
     text += "\n";
     text += &summary(rows, slopes);
@@ -171,15 +159,9 @@ fn text(report: &ErrorReport) -> String {
 /// Formats a table with one row for each layer: slope and final error of each variant.
 fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
     let top = rows.iter().map(|row| row.spp).max().unwrap_or(0);
-    let mut head = vec!["layer".to_owned()];
-    for variant in VARIANTS {
-        head.push(format!("{} slope", variant.name));
-        head.push("from 16".to_owned());
-        head.push(format!("RMSE at {top} spp"));
-        head.push("CPU s".to_owned());
-    }
-    let mut table = vec![head];
-    for layer in Layer::NAMES {
+    let heads =
+        VARIANTS.map(|v| format!(" | {} slope | from 16 | RMSE at {top} spp | CPU s", v.name));
+    let rows = Layer::NAMES.into_iter().map(|layer| {
         let mut cells = vec![layer.to_owned()];
         for variant in VARIANTS {
             let slope = slopes.iter().find(|s| s.variant == variant.name && s.layer == layer);
@@ -191,9 +173,9 @@ fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
             cells.push(optional(last.map(|r| r.deviation.rmse), |e| format!("{e:.2e}")));
             cells.push(optional(last.map(|r| r.cpu_s), |s| format!("{s:.2}")));
         }
-        table.push(cells);
-    }
-    markdown_table(&table, 1)
+        cells
+    });
+    table(&format!("layer{}", heads.concat()), rows, 1)
 }
 
 fn optional(value: Option<f64>, print: impl Fn(f64) -> String) -> String {

@@ -16,7 +16,7 @@ pub struct Slope {
 }
 
 /// Computes the least-squares slope of log `y` against log `x`. Returns `None` for fewer than two different `x`.
-pub fn log_log_slope(points: &[(f64, f64)]) -> Option<f64> {
+pub(super) fn log_log_slope(points: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = points
         .iter()
         .filter(|(x, y)| *x > 0.0 && *y > 0.0)

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Schema name of `reference.json`.
-pub const REFERENCE_SCHEMA: &str = "glasshouse.reference/1";
+pub(super) const REFERENCE_SCHEMA: &str = "glasshouse.reference/1";
 
 /// Difference between the reference's seed and the scene's. Ladders use the seeds next to the scene's.
 const SEED_STEP: u64 = 1 << 32;

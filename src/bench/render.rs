@@ -1,6 +1,6 @@
 //! Renders a scene through shards and merge, and measures the CPU seconds of the tracer.
 
-use super::clock::thread_cpu_s;
+use super::clock::cpu_s;
 use super::error::BenchError;
 use super::scenes::BenchScene;
 use render::job::SceneJob;
@@ -52,9 +52,7 @@ pub fn render(
                         break;
                     }
                     let shard = layout.shard(index);
-                    let start = thread_cpu_s();
-                    let result = job.trace_tile(&shard, work.isa);
-                    let seconds = thread_cpu_s() - start;
+                    let (result, seconds) = cpu_s(|| job.trace_tile(&shard, work.isa));
                     let partial = job.partial(&shard, result);
                     let mut done = done.lock().expect("no holder of this lock panics");
                     done.0.push(partial);

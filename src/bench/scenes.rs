@@ -8,7 +8,7 @@ use render::scene::{
     DecodedScene, InputDigests, LoadedScene, SceneFiles, Sheet, SideFiles, assemble, decode,
 };
 use render::trace::Sampling;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// Seed of the built-in photographs.
 const PHOTOGRAPHS_SEED: u64 = 2020;
@@ -57,7 +57,7 @@ pub fn stress(film_px: u32) -> BenchScene {
     const SIZE: [u32; 2] = [1024, 768];
     // The field of view is slightly wider than the film's.
     let intrinsics = json!({"fx": 1365.0, "fy": 1365.0, "cx": 512.0, "cy": 384.0});
-    let mut line = line("stress", film_px, [&intrinsics; 2], [false; 2]);
+    let mut line = line("stress", film_px, &intrinsics, [false; 2]);
     line.camera.focus = render::line::Focus::Distance { distance_m: 0.8 };
     let sheet_intrinsics = serde_json::from_value(intrinsics).expect("intrinsics are numbers");
     let hash = |mut x: u32| {
@@ -115,7 +115,7 @@ fn procedural(
     let intrinsics = serde_json::to_value(procedural::intrinsics(size[0], size[1]))
         .expect("intrinsics are numbers");
     let is_far = places.map(|place| place == Place::Outdoor);
-    let line = line(name, film_px, [&intrinsics; 2], is_far);
+    let line = line(name, film_px, &intrinsics, is_far);
     let files = SceneFiles {
         front: SideFiles::Photograph(photograph(front, size)?),
         back: SideFiles::Photograph(photograph(back, size)?),
@@ -139,25 +139,19 @@ pub(super) fn photograph(
 }
 
 /// Builds a line with the paper's camera and pane. On a side with `is_far`, the sky is at the farthest depth.
-fn line(
-    name: &str,
-    film_px: u32,
-    intrinsics: [&serde_json::Value; 2],
-    is_far: [bool; 2],
-) -> SceneLine {
-    let photograph = |side: usize| {
+fn line(name: &str, film_px: u32, intrinsics: &Value, is_far: [bool; 2]) -> SceneLine {
+    let [front, back] = is_far.map(|is_far| {
         json!({
             "color": "built in", "depth": "built in", "mask": "built in",
-            "fill": if is_far[side] { "far" } else { "smooth" },
-            "intrinsics": intrinsics[side],
+            "fill": if is_far { "far" } else { "smooth" }, "intrinsics": intrinsics,
         })
-    };
+    });
     let line = json!({
         "schema": "glasshouse.scene/1", "id": name, "seed": 1,
         "film": {"width": film_px, "height": film_px, "spp": 256},
         "camera": {"focal_length_mm": 55.0, "aperture_radius_m": 0.00893, "focus": {"at": "front_center"}},
         "glass": {"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6},
-        "front": photograph(0), "back": photograph(1),
+        "front": front, "back": back,
     });
     parse_scene(&line.to_string()).expect("the line of a built-in scene is valid")
 }

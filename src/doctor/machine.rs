@@ -11,7 +11,7 @@ const FEWEST_OPEN_FILES: u64 = 128;
 
 /// Checks the processor, and its cores against the number of compute threads.
 pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
-    let model = model().unwrap_or_else(|| "unknown processor".to_owned());
+    let model = cpu_name().unwrap_or_else(|| "unknown processor".to_owned());
     let (avx2, avx512) = (Isa::detect() == Isa::Avx2, has_avx512());
     let yes = |is: bool| if is { "yes" } else { "no" };
     let taken = match isa {
@@ -60,7 +60,8 @@ fn has_avx512() -> bool {
     }
 }
 
-fn model() -> Option<String> {
+/// Returns the model name of the processor, if known.
+pub fn cpu_name() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     Some(line.split_once(':')?.1.trim().to_owned())

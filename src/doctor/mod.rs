@@ -21,7 +21,7 @@ pub use disk::{available_bytes, check_disk};
 pub(crate) use finding::bytes_text;
 pub use finding::{Finding, Level};
 pub use golden::check_golden;
-pub use machine::{check_cpu, check_open_files};
+pub use machine::{check_cpu, check_open_files, cpu_name};
 pub use memory::check_memory;
 #[cfg(feature = "nats")]
 pub use queue::check_queue;

@@ -80,21 +80,9 @@ fn queue_name(shared: bool) -> &'static str {
 }
 
 fn plan(name: &'static str, workers: u32, scenes: u32, shards: u32, asleep: bool) -> Plan {
-    let work = Work {
-        scenes,
-        shards,
-        cheapest_shard_s: ASLEEP_S,
-        doublings: 0,
-        dearest_last: 0,
-        load_s: 0.0,
-        seed: 0,
-    };
-    Plan {
-        name,
-        workers,
-        recipe: Recipe::tiny(String::new(), scenes, shards),
-        asleep: asleep.then_some(work),
-    }
+    let costs = Work { cheapest_shard_s: ASLEEP_S, doublings: 0, load_s: 0.0, ..Work::default() };
+    let asleep = asleep.then_some(Work { scenes, shards, ..costs });
+    Plan { name, workers, recipe: Recipe::tiny(String::new(), scenes, shards), asleep }
 }
 
 fn measure(place: &Place, plan: &Plan, shared: bool) -> Result<OverheadRun, FarmBenchError> {

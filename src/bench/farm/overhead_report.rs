@@ -2,7 +2,7 @@
 
 use super::overhead::{ASLEEP_S, REAL};
 use super::setup::Conditions;
-use compose::markdown_table;
+use crate::bench::table::table;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -97,11 +97,11 @@ impl OverheadRun {
 impl Overhead {
     /// Formats the runs on one kind of queue, with or without sleep, as a table. Returns `None` without runs.
     fn table(&self, title: &str, asleep: bool, queue: &str) -> Option<String> {
-        let head = [title, "shards", "shards/s", "of ideal", "CPU us a shard", "worker us a shard"];
-        let mut table = vec![head.map(str::to_owned).to_vec()];
         let is_row = |run: &&OverheadRun| (run.shard_s > 0.0) == asleep && run.queue == queue;
-        table.extend(self.runs.iter().filter(is_row).map(OverheadRun::row));
-        (table.len() > 1).then(|| markdown_table(&table, 0))
+        let mut rows = self.runs.iter().filter(is_row).map(OverheadRun::row).peekable();
+        let head =
+            format!("{title} | shards | shards/s | of ideal | CPU us a shard | worker us a shard");
+        rows.peek().is_some().then(|| table(&head, rows, 0))
     }
 }
 

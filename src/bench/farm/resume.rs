@@ -6,9 +6,9 @@ use super::place::Place;
 use super::recipe::Recipe;
 use super::setup::{Conditions, Setup};
 use crate::bench::clock::median;
+use crate::bench::table::table;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper};
 use crate::run::Run;
-use compose::markdown_table;
 use render::line::Roots;
 use render::trace::Isa;
 use serde::Serialize;
@@ -171,18 +171,11 @@ impl fmt::Display for Resume {
             ("`coordinate` has published all missing scenes", self.coordinate_s.as_ref()),
             ("`work --queue` has loaded its first scene", self.work_queue_s.as_ref()),
         ];
-        let head = ["time until", "first pass", "median", "passes"];
-        let mut table = vec![head.map(str::to_owned).to_vec()];
-        for (what, times) in rows {
-            table.extend(times.map(|times| {
-                vec![
-                    what.to_owned(),
-                    format!("{:.2} s", times.first),
-                    format!("{:.2} s", times.median),
-                    times.passes.len().to_string(),
-                ]
-            }));
-        }
+        let rows = rows.into_iter().filter_map(|(what, times)| {
+            let Times { first, median, passes } = times?;
+            let count = passes.len().to_string();
+            Some(vec![what.to_owned(), format!("{first:.2} s"), format!("{median:.2} s"), count])
+        });
         write!(
             f,
             "{} shards of {} scenes, {} tuples and {} partials stored; queue: {}\n\n{}",
@@ -191,7 +184,7 @@ impl fmt::Display for Resume {
             self.tuples_there,
             self.partials_there,
             self.how,
-            markdown_table(&table, 1).trim_end()
+            table("time until | first pass | median | passes", rows, 1).trim_end()
         )
     }
 }

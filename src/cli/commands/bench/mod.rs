@@ -15,7 +15,6 @@ use clap::{Args as ClapArgs, Subcommand};
 use farm::BenchFarmArgs;
 use render::line::{Roots, parse_scene};
 use render::scene::{decode, read_files};
-use render::trace::Isa;
 use std::path::Path;
 
 #[derive(Debug, ClapArgs)]
@@ -133,14 +132,6 @@ pub(super) fn read_scene(path: &Path, roots: &Roots) -> Result<BenchScene, Failu
     let files = read_files(&line, roots, &base).map_err(|e| invalid(e.into()))?;
     let photographs = decode(&line, &files).map_err(|e| invalid(e.into()))?;
     Ok(BenchScene { name: line.id.to_string(), line, photographs })
-}
-
-/// Name of an instruction set.
-pub(super) fn isa_name(isa: Isa) -> &'static str {
-    match isa {
-        Isa::Avx2 => "avx2",
-        Isa::Baseline => "baseline",
-    }
 }
 
 exit_codes! {
