@@ -1,6 +1,6 @@
-//! Human-readable numbers, times and shortened texts.
+//! Formats numbers and times for people, and shortens texts.
 
-/// `1,234,567`
+/// Formats a count as `1,234,567`.
 pub(crate) fn grouped(count: u64) -> String {
     let digits = count.to_string();
     let mut text = String::new();
@@ -13,13 +13,13 @@ pub(crate) fn grouped(count: u64) -> String {
     text
 }
 
-/// `1 scene`, `2,000 scenes`
+/// Formats a count with a noun: `1 scene`, `2,000 scenes`.
 pub(crate) fn many(count: u64, what: &str) -> String {
     let plural = if count == 1 { "" } else { "s" };
     format!("{} {what}{plural}", grouped(count))
 }
 
-/// `3 s`, `12 min`, `2 h 05 min`, `3 d 4 h`: rounded down to two units.
+/// Formats a duration as `3 s`, `12 min`, `2 h 05 min` or `3 d 4 h`, rounded down to at most two units.
 pub(crate) fn duration(seconds: f64) -> String {
     if !seconds.is_finite() {
         return "unknown".to_owned();
@@ -34,7 +34,7 @@ pub(crate) fn duration(seconds: f64) -> String {
     }
 }
 
-/// A rate as a number and the unit that makes it readable: per second, minute or hour.
+/// Formats a rate as a number and a unit that makes it readable: per second, minute or hour.
 pub(crate) fn rate(per_s: f64) -> (String, &'static str) {
     let (value, unit) = if per_s >= 1.0 {
         (per_s, "scenes a second")
@@ -51,7 +51,7 @@ pub(crate) fn rate(per_s: f64) -> (String, &'static str) {
     (text, unit)
 }
 
-/// A share in percent with one decimal, rounded down: 100 % means all.
+/// Returns a share in percent with one decimal, rounded down, so that 100 % means all.
 pub(crate) fn percent(done: u64, total: u64) -> f64 {
     if total == 0 {
         return 100.0;
@@ -60,7 +60,7 @@ pub(crate) fn percent(done: u64, total: u64) -> f64 {
     tenths as f64 / 10.0
 }
 
-/// At most `limit` characters of a text.
+/// Returns the first `limit` characters of a text, with an ellipsis if the text is longer.
 pub(crate) fn cut(text: &str, limit: usize) -> String {
     let mut characters = text.chars();
     let mut first: String = characters.by_ref().take(limit).collect();
@@ -70,14 +70,13 @@ pub(crate) fn cut(text: &str, limit: usize) -> String {
     first
 }
 
-/// Replaces control characters other than tabs and line ends: a log's escape codes, and characters that could hide
-/// text.
+/// Replaces control characters except tabs and line ends, because a log's escape codes could hide text.
 pub(crate) fn printable(page: String) -> String {
     let is_hidden = |c: char| c.is_control() && c != '\n' && c != '\t';
     if page.contains(is_hidden) { page.replace(is_hidden, "\u{fffd}") } else { page }
 }
 
-/// Cells of a line of CSV (RFC 4180); none if a quote is not closed.
+/// Splits a line of CSV (RFC 4180) into cells. Returns `None` if a quote is not closed.
 pub(crate) fn csv_cells(line: &str) -> Option<Vec<String>> {
     let (mut cells, mut cell, mut is_quoted) = (Vec::new(), String::new(), false);
     let mut letters = line.chars().peekable();
@@ -117,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn only_all_is_a_hundred_percent() {
+    fn only_a_complete_count_is_a_hundred_percent() {
         assert_eq!(percent(4999, 5000), 99.9);
         assert_eq!(percent(5000, 5000), 100.0);
         assert_eq!(percent(0, 5000), 0.0);
@@ -133,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn control_characters_are_made_visible() {
+    fn control_characters_become_visible() {
         assert_eq!(printable("a\x1b[31m\n\tb\0".to_owned()), "a\u{fffd}[31m\n\tb\u{fffd}");
     }
 

@@ -3,7 +3,7 @@
 //! Traced pixels get all their samples, so that the fixed cost of a pixel counts as in the run. The estimate is for one
 //! core; cores that share arithmetic units are slower when all are busy.
 
-use super::clock::thread_cpu_s;
+use super::clock::cpu_s;
 use plan::Calibration;
 use render::line::SceneLine;
 use render::scene::{LoadError, SceneFiles, load};
@@ -11,14 +11,14 @@ use render::shard::samples_per_range;
 use render::trace::{CELL_PX, Isa, Tile, trace_tile};
 
 const SCENES: usize = 3;
-/// Most attempts, if some scenes cannot be loaded.
+/// Maximum number of scenes to try if some cannot be loaded.
 const MOST_TRIED: usize = 8;
-/// Tracing time per scene.
+/// CPU time after which a scene's next piece is not traced, s.
 const TRACING_S: f64 = 0.2;
-/// Width of a traced piece; its height is that of a cell.
+/// Width of a traced piece, px. A piece is as high as a cell.
 const PIECE_PX: u32 = 32;
 
-/// Calibrates with scenes spread over `lines`; `read` reads their files. `None` if no scene can be loaded.
+/// Calibrates with scenes spread over `lines`; `read` reads their files. Returns `None` if no scene can be loaded.
 pub fn calibrate(
     lines: &[SceneLine],
     read: &dyn Fn(&SceneLine) -> Result<SceneFiles, LoadError>,
@@ -27,11 +27,11 @@ pub fn calibrate(
     let mut scenes = Vec::new();
     let (mut sample_s, mut load_s) = (0.0, 0.0);
     for line in spread(lines) {
-        let start = thread_cpu_s();
-        let Some(loaded) = read(line).ok().and_then(|files| load(line, &files).ok()) else {
+        let (loaded, taken) = cpu_s(|| load(line, &read(line).ok()?).ok());
+        let Some(loaded) = loaded else {
             continue;
         };
-        load_s += thread_cpu_s() - start;
+        load_s += taken;
         let (mut seconds, mut pixels) = (0.0, 0u64);
         // Cells of adaptive scenes are traced to their end.
         let samples = match line.film.target_error {
@@ -39,9 +39,8 @@ pub fn calibrate(
             Some(_) => line.film.spp,
         };
         for tile in pieces(line) {
-            let start = thread_cpu_s();
-            let traced = trace_tile(&loaded.scene, tile, 0..samples, isa);
-            seconds += thread_cpu_s() - start;
+            let (traced, taken) = cpu_s(|| trace_tile(&loaded.scene, tile, 0..samples, isa));
+            seconds += taken;
             pixels += traced.pixels.len() as u64;
             if seconds > TRACING_S {
                 break;
@@ -61,7 +60,7 @@ pub fn calibrate(
     })
 }
 
-/// Scenes spread over the manifest: first at 1/6, 3/6 and 5/6, then between.
+/// Returns scenes spread over the manifest: first at 1/6, 3/6 and 5/6, then between these.
 fn spread(lines: &[SceneLine]) -> impl Iterator<Item = &SceneLine> {
     let mut at: Vec<usize> = [1, 3, 5, 0, 2, 4, 6, 7]
         .iter()
@@ -73,12 +72,12 @@ fn spread(lines: &[SceneLine]) -> impl Iterator<Item = &SceneLine> {
     at.into_iter().map(|index| &lines[index])
 }
 
-/// Pieces of the film, in an order that covers all regions early.
+/// Returns the pieces of the film in an order that covers all regions early.
 fn pieces(line: &SceneLine) -> Vec<Tile> {
     let film = &line.film;
     let columns = film.width.div_ceil(PIECE_PX);
     let count = u64::from(columns) * u64::from(film.height.div_ceil(CELL_PX));
-    // A stride near the golden section of the count, and coprime to it, visits each once.
+    // A stride near the golden section of the count, and coprime to the count, visits each piece once.
     let mut stride = ((count as f64 * 0.618) as u64).max(1);
     while gcd(stride, count) != 1 {
         stride += 1;

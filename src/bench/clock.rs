@@ -2,14 +2,21 @@
 
 use rustix::time::{ClockId, clock_gettime};
 
-/// CPU seconds (user and system) of the calling thread. Time in which another thread has the core does not count; contention
-/// for shared units of a core does.
+/// Returns the CPU seconds (user and system) of the calling thread. Time in which another thread has the core does not
+/// count; contention for shared units of a core does.
 pub fn thread_cpu_s() -> f64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// The middle value, or the mean of the two in the middle; NaN without values.
+/// Returns the result of `work` and its CPU seconds on the calling thread.
+pub(super) fn cpu_s<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let start = thread_cpu_s();
+    let result = work();
+    (result, thread_cpu_s() - start)
+}
+
+/// Returns the middle value, or the mean of the two middle values; NaN without values.
 pub(super) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -19,7 +26,7 @@ pub(super) fn median(values: &[f64]) -> f64 {
     }
 }
 
-/// Median and smallest of some seconds.
+/// Returns the median and the minimum.
 pub(super) fn median_and_best(seconds: &[f64]) -> (f64, f64) {
     (median(seconds), seconds.iter().copied().fold(f64::INFINITY, f64::min))
 }
@@ -41,7 +48,7 @@ mod tests {
     }
 
     #[test]
-    fn medians() {
+    fn the_median_of_an_even_count_is_the_mean_of_the_middle_values() {
         assert_eq!(median_and_best(&[3.0, 1.0, 2.0]), (2.0, 1.0));
         assert_eq!(median_and_best(&[4.0, 1.0, 2.0, 3.0]), (2.5, 1.0));
         assert!(median(&[]).is_nan());

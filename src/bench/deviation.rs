@@ -1,12 +1,12 @@
-//! Differences of an image from its reference, in several measures.
+//! Measures of the difference between an image and its reference.
 
 use render::color::linear_to_srgb;
 use serde::Serialize;
 
-/// Side of a cell, px: the unit of the worst-region measures.
-pub const CELL_PX: usize = 8;
+/// Side of a cell, px. The measures of the worst regions are RMSE values of cells.
+pub(super) const CELL_PX: usize = 8;
 
-/// Added to the squared reference in the relative error, linear radiance squared.
+/// Constant added to the squared reference in the relative error; the unit is linear radiance squared.
 const RELATIVE_FLOOR: f64 = 1e-2;
 
 /// Differences of a layer from its reference over all pixels and colours, in linear light except for `srgb_steps`.
@@ -22,16 +22,16 @@ pub struct Deviation {
     pub srgb_steps: f64,
     /// RMSE of the worst cell of 8 x 8 px.
     pub cell_rmse_worst: f64,
-    /// 99 % of the cells have at most this RMSE.
+    /// 99th percentile of the cells' RMSE.
     pub cell_rmse_p99: f64,
 }
 
 impl Deviation {
-    /// Compares two images of `width` px a row. Panics if their sizes differ or are no multiple of `width`.
+    /// Compares two images with `width` px in a row. Panics if their lengths differ or are no multiple of `width`.
     pub fn between(image: &[[f32; 3]], reference: &[[f32; 3]], width: usize) -> Self {
         assert!(
             image.len() == reference.len() && image.len().is_multiple_of(width) && width > 0,
-            "images of one size"
+            "the images must have the same size"
         );
         let (mut square, mut relative, mut signed, mut coded) = (0.0, 0.0, 0.0, 0.0);
         let cells_across = width.div_ceil(CELL_PX);
@@ -64,7 +64,7 @@ impl Deviation {
         }
     }
 
-    /// Over at least one seed: RMS of RMS values, means of the others.
+    /// Averages over at least one seed: RMS of the RMSE values, means of the other measures.
     pub fn over_seeds(all: &[Self]) -> Self {
         let mean = |of: &dyn Fn(&Self) -> f64| all.iter().map(of).sum::<f64>() / all.len() as f64;
         let root = |of: &dyn Fn(&Self) -> f64| mean(&|d| of(d) * of(d)).sqrt();
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_known_difference() {
+    fn a_known_difference_has_the_expected_measures() {
         let (width, height) = (20, 10);
         let reference = vec![[0.5f32, 0.0, 2.0]; width * height];
         let mut image = reference.clone();
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_percent_of_cells_is_left_out_of_p99() {
+    fn p99_ignores_the_worst_percent_of_the_cells() {
         let (width, height) = (80, 80);
         let reference = vec![[1.0f32; 3]; width * height];
         let mut image = reference.clone();

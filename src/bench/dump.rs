@@ -1,4 +1,4 @@
-//! Rays, hits and vertices as plain files, to give other ray tracers exactly the same work.
+//! Writes rays, hits and vertices to plain files, so that other ray tracers can do exactly the same work.
 
 use super::error::BenchError;
 use render::atomic_file;
@@ -20,16 +20,16 @@ pub struct RayDump {
 struct Class {
     name: String,
     count: usize,
-    /// Vertices across and down; two triangles a quad, split from (i + 1, j) to (i, j + 1).
+    /// Number of vertices across and down. Two triangles form a quad, split from (i + 1, j) to (i, j + 1).
     nx: usize,
     ny: usize,
-    /// Little-endian f32, `[ox, oy, oz, dx, dy, dz]` a ray, metres, capture coordinates; oz is 0, dz is 1.
+    /// File of little-endian f32: `[ox, oy, oz, dx, dy, dz]` of each ray, m, in capture coordinates; oz is 0, dz is 1.
     rays: String,
-    /// Little-endian f32, z of the hit (m), one a ray.
+    /// File of little-endian f32: z of each ray's hit, m.
     hits: String,
-    /// Little-endian f32, `[x, y, z]` a vertex, row by row, metres.
+    /// File of little-endian f32: `[x, y, z]` of each vertex, row by row, in metres.
     vertices: String,
-    /// Speed of intersection alone, measured during the dump.
+    /// Speed of the intersection alone, measured during the dump, millions of rays per second.
     kernel_mrays_per_s: f64,
 }
 
@@ -52,7 +52,7 @@ impl RayDump {
         let rays: Vec<f32> =
             probe.rays().iter().flat_map(|ray| [ray.origin, ray.direction]).flatten().collect();
         let depths: Vec<f32> = hits.iter().map(|w| 1.0 / w).collect();
-        // Classes of one side share their sheet; it is written for each, so that a class is self-contained.
+        // Classes of one side share a sheet. Each class gets a copy, so that it is self-contained.
         let class = Class {
             name: name.to_owned(),
             count: hits.len(),
@@ -85,7 +85,7 @@ impl RayDump {
     }
 }
 
-/// Vertices of a sheet in its capture camera's frame.
+/// Returns the vertices of a sheet in the frame of its capture camera.
 fn vertices(view: &View) -> Vec<f32> {
     let [fx, fy] = view.focal_px.map(f64::abs);
     let [cx, cy] = view.principal;

@@ -1,13 +1,12 @@
 //! The result of `bench error` as text, JSON and files.
 
 use super::cpu::on_cpu;
-use super::csv::csv;
 use super::error::BenchError;
 use super::fit::Slope;
 use super::ladder::{LayerRow, VARIANTS};
 use super::plot::error_plot;
 use super::reference::Reference;
-use compose::markdown_table;
+use super::table::{csv, table};
 use render::atomic_file;
 use render::layer::Layer;
 use serde::{Serialize, Serializer};
@@ -18,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 pub const ERROR_SCHEMA: &str = "glasshouse.bench_error/1";
 
-/// Errors of a scene's renderings against a reference. Its keys are those of [`ERROR_SCHEMA`].
+/// Errors of a scene's renderings against a reference, with the keys of [`ERROR_SCHEMA`].
 #[derive(Serialize)]
 pub struct ErrorReport<'a> {
     pub scene: &'a str,
@@ -36,14 +35,14 @@ pub struct ErrorReport<'a> {
     #[serde(serialize_with = "reference_object")]
     pub reference: &'a Reference,
     pub slopes: Vec<Slope>,
-    /// By variant, rung and layer.
+    /// Rows by variant, rung and layer.
     pub rows: Vec<LayerRow>,
     /// Folder of the files; absent from `error.json` itself.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub out: Option<PathBuf>,
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference to the field")]
 fn reference_object<S: Serializer>(
     reference: &&Reference,
     serializer: S,
@@ -96,7 +95,7 @@ impl fmt::Display for ErrorReport<'_> {
     }
 }
 
-/// The reference, in words.
+/// Describes the reference.
 fn truth(reference: &Reference, what: &str) -> String {
     reference.record.as_ref().map_or_else(
         || format!("the images in {}", reference.dir.display()),
@@ -104,7 +103,7 @@ fn truth(reference: &Reference, what: &str) -> String {
     )
 }
 
-/// One table per kind of sampling and layer.
+/// Formats one table for each variant and layer.
 fn text(report: &ErrorReport) -> String {
     let ErrorReport { reference, rows, slopes, .. } = report;
     let mut text = format!(
@@ -121,7 +120,7 @@ fn text(report: &ErrorReport) -> String {
             .zip(record.error_rms)
             .map(|(name, error)| format!("{name} {}", optional(error, |e| format!("{e:.1e}"))))
             .collect();
-        let _ = write!(text, " (its own stated error: {})", stated.join(", "));
+        let _ = write!(text, " (stated error of the reference: {})", stated.join(", "));
     }
     text += "\n";
     for slope in slopes {
@@ -133,22 +132,10 @@ fn text(report: &ErrorReport) -> String {
             |s| format!("RMSE ~ samples^{s:.2} over {} rungs{tail}", slope.rungs),
         );
         let _ = writeln!(text, "\n{}, {}: {fitted}\n", slope.layer, slope.variant);
-        let head = [
-            "samples",
-            "CPU s",
-            "RMSE",
-            "relative MSE",
-            "bias",
-            "sRGB steps",
-            "worst 8x8",
-            "p99 8x8",
-            "stated/true",
-        ];
-        let mut table = vec![head.map(str::to_owned).to_vec()];
         let of_slope = |row: &&LayerRow| row.variant == slope.variant && row.layer == slope.layer;
-        for row in rows.iter().filter(of_slope) {
+        let cells = rows.iter().filter(of_slope).map(|row| {
             let d = &row.deviation;
-            table.push(vec![
+            vec![
                 format!("{}", (row.samples * 10.0).round() / 10.0),
                 format!("{:.3}", row.cpu_s),
                 format!("{:.2e}", d.rmse),
@@ -158,9 +145,10 @@ fn text(report: &ErrorReport) -> String {
                 format!("{:.2e}", d.cell_rmse_worst),
                 format!("{:.2e}", d.cell_rmse_p99),
                 optional(row.stated_over_true, |ratio| format!("{ratio:.2}")),
-            ]);
-        }
-        text += &markdown_table(&table, 0);
+            ]
+        });
+        let head = "samples | CPU s | RMSE | relative MSE | bias | sRGB steps | worst 8x8 | p99 8x8 | stated/true";
+        text += &table(head, cells, 0);
     }
     text += "\n";
     text += &summary(rows, slopes);
@@ -168,18 +156,12 @@ fn text(report: &ErrorReport) -> String {
     text
 }
 
-/// One row per layer: slope and final error of each kind of sampling.
+/// Formats a table with one row for each layer: slope and final error of each variant.
 fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
     let top = rows.iter().map(|row| row.spp).max().unwrap_or(0);
-    let mut head = vec!["layer".to_owned()];
-    for variant in VARIANTS {
-        head.push(format!("{} slope", variant.name));
-        head.push("from 16".to_owned());
-        head.push(format!("RMSE at {top} spp"));
-        head.push("CPU s".to_owned());
-    }
-    let mut table = vec![head];
-    for layer in Layer::NAMES {
+    let heads =
+        VARIANTS.map(|v| format!(" | {} slope | from 16 | RMSE at {top} spp | CPU s", v.name));
+    let rows = Layer::NAMES.into_iter().map(|layer| {
         let mut cells = vec![layer.to_owned()];
         for variant in VARIANTS {
             let slope = slopes.iter().find(|s| s.variant == variant.name && s.layer == layer);
@@ -191,9 +173,9 @@ fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
             cells.push(optional(last.map(|r| r.deviation.rmse), |e| format!("{e:.2e}")));
             cells.push(optional(last.map(|r| r.cpu_s), |s| format!("{s:.2}")));
         }
-        table.push(cells);
-    }
-    markdown_table(&table, 1)
+        cells
+    });
+    table(&format!("layer{}", heads.concat()), rows, 1)
 }
 
 fn optional(value: Option<f64>, print: impl Fn(f64) -> String) -> String {

@@ -1,22 +1,22 @@
-//! The rate at which an error falls.
+//! Fits the rate at which an error decreases with the number of samples.
 
 use serde::Serialize;
 
-/// Log-log slope of a layer's error over its samples: -0.5 for independent samples.
+/// Log-log slope of a layer's error over its samples; -0.5 for independent samples.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Slope {
     pub variant: &'static str,
     pub layer: &'static str,
-    /// `null` with fewer than two different numbers of samples.
+    /// Slope over all fitted rungs; `null` with fewer than two different numbers of samples.
     pub slope: Option<f64>,
     /// Number of fitted rungs.
     pub rungs: usize,
-    /// The slope over the rungs of at least 16 samples.
+    /// Slope over the rungs with at least 16 samples.
     pub tail_slope: Option<f64>,
 }
 
-/// Least-squares slope of log `y` against log `x`; `None` for fewer than two different `x`.
-pub fn log_log_slope(points: &[(f64, f64)]) -> Option<f64> {
+/// Computes the least-squares slope of log `y` against log `x`. Returns `None` for fewer than two different `x`.
+pub(super) fn log_log_slope(points: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = points
         .iter()
         .filter(|(x, y)| *x > 0.0 && *y > 0.0)

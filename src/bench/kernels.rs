@@ -1,9 +1,9 @@
-//! Rays a second on one core: intersection alone, and the whole tracer.
+//! Measures rays per second on one core: intersection alone, and the whole tracer.
 
-use super::clock::{median_and_best, thread_cpu_s};
+use super::clock::{cpu_s, median_and_best};
 use super::error::BenchError;
 use super::scenes::BenchScene;
-use render::layer::Layer;
+use render::layer::{Layer, PerLayer};
 use render::line::Apex;
 use render::scene::Decoded;
 use render::trace::{
@@ -12,14 +12,14 @@ use render::trace::{
 use serde::Serialize;
 use std::hint::black_box;
 
-/// Every fourth pixel across and down is used.
+/// Distance between the pixels whose bundles are measured, across and down, px.
 const STEP_PX: u32 = 4;
 
-/// Number of tiles across and down, and their side, for [`tracer`].
+/// Number of tiles across and down, and their side, px, for [`tracer`].
 const TILES: u32 = 4;
 const TILE_PX: u32 = 16;
 
-/// Millions of rays a second of one instruction set.
+/// Speed of a kernel with one instruction set, millions of rays per second.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct KernelTiming {
     /// `avx2` or `baseline`.
@@ -29,32 +29,32 @@ pub struct KernelTiming {
     pub best_mrays_per_s: f64,
 }
 
-/// Intersection alone: span and walk of one order's bundles, without camera samples and lines.
+/// Speed of the intersection alone: span and walk of one order's bundles, without camera samples and lines.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct KernelRow {
     pub scene: String,
     /// `t0`, `t1`, `r0`, `r1`, or `R` (the pinhole).
     pub kernel: &'static str,
-    /// Camera position of the back photograph (`mirror`, `camera`); `null` for the front's orders.
+    /// Camera position of the back photograph (`mirror`, `camera`); `null` for orders of the front.
     pub apex: Option<&'static str>,
-    /// Rays of a pass.
+    /// Number of rays in a pass.
     pub rays: u64,
     /// Mean number of cells between a ray's start and its hit.
     pub cells_per_ray: f64,
-    /// Mean cell count of the longest ray among sixteen.
+    /// Mean number of cells of the longest ray among sixteen.
     pub rounds_per_16_rays: f64,
     pub timings: Vec<KernelTiming>,
 }
 
-/// The whole tracer on some tiles: camera samples, every followed order, radiance, sums.
+/// Speed of the whole tracer on some tiles: camera samples, every followed order, radiance, sums.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TracerRow {
     pub scene: String,
     /// Camera position of the back photograph.
     pub apex: &'static str,
-    /// Camera samples of a pass.
+    /// Number of camera samples in a pass.
     pub samples: u64,
-    /// Rays of a pass: all orders and R.
+    /// Number of rays in a pass: all orders and R.
     pub rays: u64,
     pub timings: Vec<TracerTiming>,
 }
@@ -64,39 +64,40 @@ pub struct TracerRow {
 pub struct TracerTiming {
     /// `avx2` or `baseline`.
     pub isa: &'static str,
-    /// Millions of camera samples a second, median of the passes.
+    /// Millions of camera samples per second, median of the passes.
     pub msamples_per_s: f64,
     pub best_msamples_per_s: f64,
-    /// Millions of rays a second, median of the passes.
+    /// Millions of rays per second, median of the passes.
     pub mrays_per_s: f64,
 }
 
-/// Building a grid and its pyramid.
+/// Time to build a grid and its pyramid.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BuildRow {
     pub scene: String,
     /// `front` or `back`.
     pub side: &'static str,
-    /// Vertices across.
+    /// Number of vertices across.
     pub nx: usize,
-    /// Vertices down.
+    /// Number of vertices down.
     pub ny: usize,
     /// Milliseconds, median of the passes.
     pub build_ms: f64,
     pub best_build_ms: f64,
 }
 
-/// Receives each class: name, rays, hits (1/m), Mrays/s of the first instruction set.
-pub type OnClass<'a> = dyn FnMut(&str, &BundleProbe, &[f32], f64) -> Result<(), BenchError> + 'a;
+/// Callback with each class: name, rays, hits (1/m), and Mrays/s of the first instruction set.
+pub(super) type OnClass<'a> = dyn FnMut(&str, &BundleProbe, &[f32], f64) -> Result<(), BenchError> + 'a;
 
-fn isa_name(isa: Isa) -> &'static str {
+/// Returns the name of an instruction set: `avx2` or `baseline`.
+pub fn isa_name(isa: Isa) -> &'static str {
     match isa {
         Isa::Avx2 => "avx2",
         Isa::Baseline => "baseline",
     }
 }
 
-/// The scene with another apex, assembled for 256 samples.
+/// Assembles the scene with another apex for 256 samples.
 fn scene_at(scene: &BenchScene, apex: Apex) -> Result<Scene, BenchError> {
     let mut line = scene.line.clone();
     line.back.set_apex(apex);
@@ -106,23 +107,32 @@ fn scene_at(scene: &BenchScene, apex: Apex) -> Result<Scene, BenchError> {
 
 const APEXES: [(&str, Apex); 2] = [("mirror", Apex::Mirror), ("camera", Apex::Camera)];
 
-/// Seconds of `passes` passes of each instruction set, interleaved, after one warm-up pass.
-fn seconds_of(isas: &[Isa], passes: usize, mut pass: impl FnMut(Isa)) -> Vec<Vec<f64>> {
+/// Median and minimum of the CPU seconds of several passes.
+struct Timed {
+    isa: &'static str,
+    median_s: f64,
+    best_s: f64,
+}
+
+/// Times `passes` passes of each instruction set, interleaved, after one warm-up pass. `pass` returns its CPU seconds.
+fn timed(isas: &[Isa], passes: usize, mut pass: impl FnMut(Isa) -> f64) -> Vec<Timed> {
     let mut seconds = vec![Vec::with_capacity(passes); isas.len()];
     for round in 0..=passes {
         for (isa, seconds) in isas.iter().zip(&mut seconds) {
-            let start = thread_cpu_s();
-            pass(*isa);
-            let taken = (thread_cpu_s() - start).max(1e-9);
+            let taken = pass(*isa).max(1e-9);
             if round > 0 {
                 seconds.push(taken);
             }
         }
     }
-    seconds
+    let timed = |(isa, seconds): (&Isa, Vec<f64>)| {
+        let (median_s, best_s) = median_and_best(&seconds);
+        Timed { isa: isa_name(*isa), median_s, best_s }
+    };
+    isas.iter().zip(seconds).map(timed).collect()
 }
 
-/// Times span and walk of every kernel of a scene: t0, t1 of the front, r0, r1, R of the back with both apexes.
+/// Times span and walk of every kernel of a scene: t0 and t1 of the front, r0, r1 and R of the back with both apexes.
 pub fn kernels(
     scene: &BenchScene,
     isas: &[Isa],
@@ -147,23 +157,18 @@ pub fn kernels(
                 continue;
             };
             let mut hits = vec![0f32; probe.len()];
-            let seconds = seconds_of(isas, passes, |isa| {
-                probe.intersect(isa, &mut hits);
+            let timed = timed(isas, passes, |isa| {
+                let taken = cpu_s(|| probe.intersect(isa, &mut hits)).1;
                 black_box(&mut hits);
+                taken
             });
             let mrays = probe.len() as f64 * 1e-6;
-            let timings: Vec<KernelTiming> = isas
-                .iter()
-                .zip(&seconds)
-                .map(|(isa, seconds)| {
-                    let (median, best) = median_and_best(seconds);
-                    KernelTiming {
-                        isa: isa_name(*isa),
-                        mrays_per_s: mrays / median,
-                        best_mrays_per_s: mrays / best,
-                    }
-                })
-                .collect();
+            let timings = timed.iter().map(|Timed { isa, median_s, best_s }| KernelTiming {
+                isa,
+                mrays_per_s: mrays / median_s,
+                best_mrays_per_s: mrays / best_s,
+            });
+            let timings: Vec<KernelTiming> = timings.collect();
             let WalkCount { rays, cells, groups, rounds } = probe.count(&hits);
             let apex = (!is_front).then_some(apex_name);
             let class = apex.map_or_else(
@@ -198,33 +203,27 @@ pub fn tracer(
         let samples: u64 =
             tiles.iter().map(|tile| u64::from(tile.width * tile.height) * BLOCK as u64).sum();
         let mut rays = 0;
-        let seconds = seconds_of(isas, passes, |isa| {
-            rays = 0;
-            for tile in &tiles {
-                let result = black_box(trace_tile(&assembled, *tile, 0..BLOCK as u32, isa));
-                // I counts the paths of every order, R those of the pinhole.
-                rays += result.paths[Layer::Input] + result.paths[Layer::CleanReflection];
-            }
+        let timed = timed(isas, passes, |isa| {
+            let trace = |tile: &Tile| trace_tile(&assembled, *tile, 0..BLOCK as u32, isa).paths;
+            let (paths, taken) = cpu_s(|| tiles.iter().map(trace).collect::<Vec<_>>());
+            // I counts the paths of every order, R those of the pinhole.
+            let of = |paths: &PerLayer<u64>| paths[Layer::Input] + paths[Layer::CleanReflection];
+            rays = paths.iter().map(of).sum();
+            taken
         });
-        let timings = isas
-            .iter()
-            .zip(&seconds)
-            .map(|(isa, seconds)| {
-                let (median, best) = median_and_best(seconds);
-                TracerTiming {
-                    isa: isa_name(*isa),
-                    msamples_per_s: samples as f64 * 1e-6 / median,
-                    best_msamples_per_s: samples as f64 * 1e-6 / best,
-                    mrays_per_s: rays as f64 * 1e-6 / median,
-                }
-            })
-            .collect();
+        let timings = timed.iter().map(|Timed { isa, median_s, best_s }| TracerTiming {
+            isa,
+            msamples_per_s: samples as f64 * 1e-6 / median_s,
+            best_msamples_per_s: samples as f64 * 1e-6 / best_s,
+            mrays_per_s: rays as f64 * 1e-6 / median_s,
+        });
+        let timings = timings.collect();
         rows.push(TracerRow { scene: scene.name.clone(), apex: apex_name, samples, rays, timings });
     }
     Ok(rows)
 }
 
-/// Tiles in the middle of a grid of parts of the film; the whole film if it is small.
+/// Returns tiles in the centres of equal parts of the film, or the whole film if it is small.
 fn tiles(width: u32, height: u32) -> Vec<Tile> {
     if width < TILES * TILE_PX || height < TILES * TILE_PX {
         return vec![Tile { x: 0, y: 0, width, height }];
@@ -240,7 +239,7 @@ fn tiles(width: u32, height: u32) -> Vec<Tile> {
         .collect()
 }
 
-/// Times [`Grid::new`] on a scene's photographs (a mesh has no grid).
+/// Times [`Grid::new`] on a scene's photographs; a mesh has no grid.
 pub fn grid_builds(scene: &BenchScene, passes: usize) -> Vec<BuildRow> {
     let sides = [("front", &scene.photographs.front), ("back", &scene.photographs.back)];
     let sheets = sides.into_iter().filter_map(|(side, decoded)| match decoded {
@@ -248,25 +247,19 @@ pub fn grid_builds(scene: &BenchScene, passes: usize) -> Vec<BuildRow> {
         Decoded::Mesh(_) => None,
     });
     let rows = sheets.map(|(side, sheet)| {
-        let mut seconds = Vec::new();
-        for round in 0..=passes {
+        let timed = timed(&[Isa::Baseline], passes, |_| {
             let w = sheet.inverse_depth_per_m.clone();
-            let start = thread_cpu_s();
-            let grid = black_box(Grid::new(sheet.width, sheet.height, w));
-            let taken = thread_cpu_s() - start;
+            let (grid, taken) = cpu_s(|| black_box(Grid::new(sheet.width, sheet.height, w)));
             drop(grid);
-            if round > 0 {
-                seconds.push(taken);
-            }
-        }
-        let (median, best) = median_and_best(&seconds);
+            taken
+        });
         BuildRow {
             scene: scene.name.clone(),
             side,
             nx: sheet.width,
             ny: sheet.height,
-            build_ms: median * 1e3,
-            best_build_ms: best * 1e3,
+            build_ms: timed[0].median_s * 1e3,
+            best_build_ms: timed[0].best_s * 1e3,
         }
     });
     rows.collect()

@@ -1,4 +1,4 @@
-//! Renderings at several sample counts (rungs) with every kind of sampling, compared with a reference.
+//! Renders at several sample counts (rungs) with every variant of sampling, and compares the images with a reference.
 
 use super::deviation::Deviation;
 use super::error::BenchError;
@@ -11,17 +11,17 @@ use render::line::{LayerSet, SceneLine};
 use render::trace::Sampling;
 use serde::Serialize;
 
-/// A kind of sampling, and its scene line for a rung.
+/// A variant of sampling.
 #[derive(Clone, Copy)]
 pub struct Variant {
     pub name: &'static str,
     pub title: &'static str,
     pub sampling: Sampling,
-    /// The scene line for one rung of the ladder.
+    /// Function that returns the scene line for one rung of the ladder.
     pub line: fn(&SceneLine, u32) -> SceneLine,
 }
 
-/// All kinds, in the order of rendering and output.
+/// All variants, in the order of rendering and output.
 pub const VARIANTS: [Variant; 3] = [
     Variant {
         name: "sobol",
@@ -43,7 +43,7 @@ pub const VARIANTS: [Variant; 3] = [
     },
 ];
 
-/// The same number of samples for every pixel.
+/// Sets the same number of samples for every pixel.
 fn with_samples(line: &SceneLine, spp: u32) -> SceneLine {
     let mut line = line.clone();
     line.film.spp = spp;
@@ -52,56 +52,56 @@ fn with_samples(line: &SceneLine, spp: u32) -> SceneLine {
     line
 }
 
-/// A target error in place of a sample count: the higher the rung, the lower the target. With this factor equal rungs have
-/// about equal cost on photographs.
+/// Sets a target error in place of a sample count: the higher the rung, the lower the target. With this factor, a rung
+/// costs about as much as with a sample count, on photographs.
 fn with_target(line: &SceneLine, rung: u32) -> SceneLine {
     let mut line = with_samples(line, MOST_SAMPLES);
     line.film.target_error = Some(0.03 / f64::from(rung).sqrt());
     line
 }
 
-/// Most samples a pixel of an adaptive rendering.
+/// Maximum number of samples a pixel in an adaptive rendering.
 const MOST_SAMPLES: u32 = 65_536;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ladder {
     /// Samples a pixel, ascending powers of two.
     pub spp: Vec<u32>,
-    /// Number of seeds, from the scene's on. Errors are averaged over them.
+    /// Number of consecutive seeds, starting at the scene's. Errors are averages over the seeds.
     pub seeds: u32,
 }
 
 impl Ladder {
-    /// Camera samples of the whole ladder for all variants on a film of `pixels`, for progress.
+    /// Counts the camera samples of the whole ladder for all variants on a film of `pixels`, for the progress display.
     pub fn samples(&self, pixels: u64) -> u64 {
         let once: u64 = self.spp.iter().map(|&n| u64::from(n)).sum();
         once * u64::from(self.seeds) * pixels * VARIANTS.len() as u64
     }
 }
 
-/// One layer on one rung.
+/// Errors of one layer on one rung.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LayerRow {
     pub variant: &'static str,
     pub layer: &'static str,
     /// The rung: requested samples a pixel.
     pub spp: u32,
-    /// Samples a pixel of the layer (R takes fewer); for adaptive sampling the mean over the film.
+    /// Samples a pixel of the layer (R takes fewer); for adaptive sampling, the mean over the film.
     pub samples: f64,
     /// CPU seconds of the tracer for all four layers; the median over seeds and repetitions of short renderings.
     pub cpu_s: f64,
     #[serde(flatten)]
     pub deviation: Deviation,
-    /// RMS error stated by the tuple; `null` with one sample.
+    /// RMS error that the tuple states; `null` with one sample.
     pub stated_rmse: Option<f64>,
     pub stated_over_true: Option<f64>,
 }
 
-/// Shorter renderings are timed again.
+/// CPU time below which a rendering is timed again, s.
 const SHORT_S: f64 = 0.25;
 const MORE_TIMINGS: usize = 4;
 
-/// Renders the whole ladder: rows by variant, rung, layer. `None` when the work was stopped.
+/// Renders the whole ladder. Returns rows by variant, rung and layer, or `None` if the work was stopped.
 pub fn climb(
     scene: &BenchScene,
     ladder: &Ladder,
@@ -175,13 +175,13 @@ pub fn climb(
     Ok(Some(rows))
 }
 
-/// The slope uses rungs whose RMSE is at least this many times the reference's stated error.
+/// Least ratio of a fitted rung's RMSE to the reference's stated error.
 const CLEAR_OF_REFERENCE: f64 = 3.0;
 
-/// First sample count of the tail.
+/// Least number of samples a pixel in the tail.
 const TAIL_SAMPLES: f64 = 16.0;
 
-/// Slopes of RMSE against the layer's samples, by variant and layer.
+/// Fits the slopes of RMSE against the layer's samples, by variant and layer.
 pub fn slopes(rows: &[LayerRow], reference: &Reference) -> Vec<Slope> {
     let mut slopes = Vec::new();
     for variant in VARIANTS {

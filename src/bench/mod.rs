@@ -1,9 +1,9 @@
-//! `glasshouse bench`: measures speed and error. Not in the pipeline.
+//! `glasshouse bench`: measures speed and error. The pipeline does not use this module.
 //!
 //! ```text
-//! scenes -> kernels (-> dump)                     bench trace: rays a second
-//!        -> calibrate                               plan: seconds of a core that a run takes
-//!        -> reference, ladder -> deviation -> fit -> csv, plot      bench error: error against CPU seconds
+//! scenes -> kernels (-> dump)                                  bench trace: rays per second
+//!        -> calibrate                                          plan: core seconds of a run
+//!        -> reference, ladder -> deviation -> fit -> table, plot bench error: error against CPU seconds
 //! train_step                                                   bench train: CPU seconds of a step and its parts
 //! farm                                                         bench farm: overhead, makespan, resuming
 //! ```
@@ -13,7 +13,6 @@
 mod calibrate;
 mod clock;
 mod cpu;
-mod csv;
 mod deviation;
 mod dump;
 mod error;
@@ -26,25 +25,22 @@ mod plot;
 mod reference;
 mod render;
 mod scenes;
+mod table;
 #[cfg(feature = "train")]
 mod train_step;
 
 pub use calibrate::calibrate;
 pub use clock::thread_cpu_s;
 pub use cpu::{cpu_name, on_cpu};
-pub use csv::csv;
-pub use deviation::{CELL_PX, Deviation};
+pub use deviation::Deviation;
 pub use dump::RayDump;
 pub use error::BenchError;
 pub use error_report::{ERROR_SCHEMA, ErrorReport};
-pub use fit::{Slope, log_log_slope};
-pub use kernels::{
-    BuildRow, KernelRow, KernelTiming, OnClass, TracerRow, TracerTiming, grid_builds, kernels,
-    tracer,
-};
+pub use fit::Slope;
+pub use kernels::{BuildRow, KernelRow, TracerRow, grid_builds, isa_name, kernels, tracer};
 pub use ladder::{Ladder, LayerRow, VARIANTS, Variant, climb, slopes};
 pub use plot::error_plot;
-pub use reference::{REFERENCE_SCHEMA, Reference, ReferenceRecord, own_reference, read_reference};
+pub use reference::{Reference, own_reference, read_reference};
 pub use render::{Rendering, Work, render};
 pub use scenes::{BenchScene, indoor, outdoor, pair, stress};
 #[cfg(feature = "train")]

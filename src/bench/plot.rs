@@ -5,7 +5,7 @@ use crate::plot::{Axis, LAYER_COLOURS, Panel, Stroke};
 use maud::{Markup, html};
 use render::layer::Layer;
 
-/// Lines of the variants, in their order: solid, dashed, dotted.
+/// Dash patterns of the variants, in their order: solid, dashed, dotted.
 const DASHES: [&str; 3] = ["", "7 4", "1.5 4"];
 
 const SIZE: [f64; 2] = [960.0, 480.0];
@@ -13,7 +13,7 @@ const PANEL: [f64; 2] = [360.0, 340.0];
 const TOP: f64 = 64.0;
 const LEFTS: [f64; 2] = [72.0, 544.0];
 
-/// Returns the plotted number of a row.
+/// Function that returns the plotted value of a row.
 type Measure = fn(&LayerRow) -> f64;
 
 /// Plots the RMSE of whole layers on the left and of their worst 8 x 8 px on the right, with one line for each layer
@@ -46,7 +46,7 @@ pub fn error_plot(rows: &[LayerRow], title: &str) -> String {
 fn panel(rows: &[&LayerRow], label: &str, measure: Measure, left: f64) -> Markup {
     let (right, bottom) = (left + PANEL[0], TOP + PANEL[1]);
     let mut x = Axis::log(rows.iter().map(|row| row.cpu_s), [left, right]);
-    // Space for the names at the ends of lines.
+    // Leaves space for the names at the ends of lines.
     x.values[1] *= 1.25;
     let panel = Panel {
         x,

@@ -1,4 +1,4 @@
-//! Reference images: from a folder, or rendered with many more samples of another seed and kept.
+//! Reference images: read from a folder, or rendered with many more samples of another seed and stored.
 
 use super::error::BenchError;
 use super::render::{Work, render};
@@ -14,34 +14,34 @@ use render::trace::{Sampling, TRACER_VERSION};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// The schema name of `reference.json`.
-pub const REFERENCE_SCHEMA: &str = "glasshouse.reference/1";
+/// Schema name of `reference.json`.
+pub(super) const REFERENCE_SCHEMA: &str = "glasshouse.reference/1";
 
-/// Distance of the reference's seed from the scene's. Ladders use the seeds next to the scene's.
+/// Difference between the reference's seed and the scene's. Ladders use the seeds next to the scene's.
 const SEED_STEP: u64 = 1 << 32;
 
-/// Four images taken as the truth.
+/// Four images that other renderings are compared with.
 pub struct Reference {
-    /// Row by row, linear.
+    /// Linear pixels, row by row.
     pub layers: PerLayer<Vec<[f32; 3]>>,
-    /// `None` for images of other programs.
+    /// Record of the rendering; `None` for images of other programs.
     pub record: Option<ReferenceRecord>,
     pub dir: PathBuf,
-    /// Read from disk, not rendered now.
+    /// True if the images were read from disk, not rendered by this call.
     pub reused: bool,
 }
 
-/// `reference.json`: the rendering in the same folder.
+/// Content of `reference.json`, which describes the images in its folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceRecord {
     /// Always [`REFERENCE_SCHEMA`].
     pub schema: String,
-    /// BLAKE3 (hex) of the reference's scene line (with its samples and seed) and the digests of its input files.
+    /// BLAKE3 (hex) of the reference's scene line, with samples and seed, and of the digests of its input files.
     pub scene_blake3: String,
     pub tracer_version: u32,
     pub spp: u32,
-    /// Seed of its sample points.
+    /// Seed of the sample points.
     pub seed: u64,
     /// Stated RMS error of each layer (I, T, R~, R), linear.
     pub error_rms: [Option<f64>; 4],
@@ -55,7 +55,7 @@ fn reference_line(line: &SceneLine, spp: u32) -> SceneLine {
     line
 }
 
-/// Digest of a line and its input files.
+/// Computes the digest of a line and its input files.
 fn digest(scene: &BenchScene, line: &SceneLine) -> String {
     let inputs = serde_json::to_string(&scene.photographs.inputs)
         .expect("digests are a map of strings to strings");
@@ -63,9 +63,9 @@ fn digest(scene: &BenchScene, line: &SceneLine) -> String {
     blake3::hash(text.as_bytes()).to_hex().to_string()
 }
 
-/// The scene's own reference of `spp` samples in `dir`: reused if it matches, else rendered and written.
+/// Reads the scene's own reference of `spp` samples from `dir`, or renders and writes it if `dir` has no match.
 ///
-/// `None` when the work was stopped.
+/// Returns `None` if the work was stopped.
 pub fn own_reference(
     scene: &BenchScene,
     spp: u32,
@@ -102,7 +102,7 @@ pub fn own_reference(
         cpu_s: rendering.cpu_s,
     };
     atomic_file::create_dir(dir)?;
-    // Removed first and written last, so that the record never describes other images.
+    // The record is removed first and written last, so that it never describes other images.
     let _ = std::fs::remove_file(&record_path);
     for (layer, pixels) in tuple.layers.iter() {
         let name = layer.name();
@@ -110,7 +110,7 @@ pub fn own_reference(
             .map_err(|e| BenchError::Encode { name, reason: e.to_string() })?;
         atomic_file::write(&dir.join(format!("{name}.exr")), &exr)?;
     }
-    let mut json = serde_json::to_string_pretty(&record).expect("a record has string keys alone");
+    let mut json = serde_json::to_string_pretty(&record).expect("all keys of a record are strings");
     json.push('\n');
     atomic_file::write(&record_path, json.as_bytes())?;
     Ok(Some(Reference {
@@ -121,7 +121,7 @@ pub fn own_reference(
     }))
 }
 
-/// Reads images of the film's size: for each layer `LAYER.exr`, `ref_LAYER.npy` or `LAYER.npy`, linear R G B.
+/// Reads linear RGB images of the film's size: `LAYER.exr`, `ref_LAYER.npy` or `LAYER.npy` for each layer.
 pub fn read_reference(dir: &Path, line: &SceneLine) -> Result<Reference, BenchError> {
     let read = |layer: &'static str| -> Result<Vec<[f32; 3]>, BenchError> {
         let names = [format!("{layer}.exr"), format!("ref_{layer}.npy"), format!("{layer}.npy")];

@@ -1,6 +1,6 @@
-//! One rendering through shards and merge, with the CPU seconds of the tracer.
+//! Renders a scene through shards and merge, and measures the CPU seconds of the tracer.
 
-use super::clock::thread_cpu_s;
+use super::clock::cpu_s;
 use super::error::BenchError;
 use super::scenes::BenchScene;
 use render::job::SceneJob;
@@ -12,15 +12,15 @@ use render::trace::{Isa, Sampling};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-/// Side of a tile, px: enough tiles for all threads, and few enough for a negligible cost.
+/// Side of a tile, px: small enough that every thread gets tiles, large enough that their cost is negligible.
 const TILE_PX: u32 = 32;
 
 pub struct Work<'a> {
     pub threads: usize,
     pub isa: Isa,
-    /// Set to stop after the shards in flight.
+    /// Flag that stops the rendering after the shards that threads are tracing.
     pub stop: &'a AtomicBool,
-    /// Receives the camera samples of each finished shard.
+    /// Callback with the number of camera samples of each finished shard.
     pub on_samples: &'a (dyn Fn(u64) + Sync),
 }
 
@@ -32,7 +32,7 @@ pub struct Rendering {
     pub cpu_s: f64,
 }
 
-/// Renders `line` with the scene's photographs. `None` if `stop` was set before the end.
+/// Renders `line` with the scene's photographs. Returns `None` if `stop` was set before the end.
 pub fn render(
     scene: &BenchScene,
     line: &SceneLine,
@@ -52,9 +52,7 @@ pub fn render(
                         break;
                     }
                     let shard = layout.shard(index);
-                    let start = thread_cpu_s();
-                    let result = job.trace_tile(&shard, work.isa);
-                    let seconds = thread_cpu_s() - start;
+                    let (result, seconds) = cpu_s(|| job.trace_tile(&shard, work.isa));
                     let partial = job.partial(&shard, result);
                     let mut done = done.lock().expect("no holder of this lock panics");
                     done.0.push(partial);

@@ -1,4 +1,4 @@
-//! Measured scenes: built in, so that benchmarks run anywhere, or from files.
+//! Scenes of the benchmarks: built-in scenes, so that benchmarks run anywhere, or scenes from files.
 
 use super::error::BenchError;
 use procedural::{Place, SamplePhotograph};
@@ -8,12 +8,12 @@ use render::scene::{
     DecodedScene, InputDigests, LoadedScene, SceneFiles, Sheet, SideFiles, assemble, decode,
 };
 use render::trace::Sampling;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// Seed of the built-in photographs.
 const PHOTOGRAPHS_SEED: u64 = 2020;
 
-/// A scene with decoded photographs, assembled again whenever its line changes.
+/// A scene with decoded photographs, which can be assembled with several lines.
 #[derive(Clone)]
 pub struct BenchScene {
     pub name: String,
@@ -35,9 +35,9 @@ impl BenchScene {
     }
 }
 
-/// An indoor photograph in front, an outdoor one behind: the default of `bench error`.
+/// Builds the default scene of `bench error`: an indoor photograph in front and an outdoor photograph behind.
 ///
-/// Photographs of `size` px, a square film of `film_px`, the paper's lens and pane.
+/// The photographs have `size` px, the square film has a side of `film_px`; lens and pane are the paper's.
 pub fn pair(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
     procedural("pair", [Place::Indoors, Place::Outdoor], size, film_px)
 }
@@ -50,14 +50,14 @@ pub fn outdoor(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
     procedural("outdoor", [Place::Outdoor; 2], size, film_px)
 }
 
-/// Blocks of 4 x 4 px with independent inverse depths, uniform between 1/50 and 1/0.6 m, focused at 0.8 m: every ray crosses
-/// a depth step every few cells.
+/// Builds a scene of blocks of 4 x 4 px with independent inverse depths, uniform between 1/50 and 1/0.6 per metre, and
+/// focus at 0.8 m: every ray crosses a depth step every few cells.
 pub fn stress(film_px: u32) -> BenchScene {
     const BLOCK_PX: usize = 4;
     const SIZE: [u32; 2] = [1024, 768];
     // The field of view is slightly wider than the film's.
     let intrinsics = json!({"fx": 1365.0, "fy": 1365.0, "cx": 512.0, "cy": 384.0});
-    let mut line = line("stress", film_px, [&intrinsics; 2], [false; 2]);
+    let mut line = line("stress", film_px, &intrinsics, [false; 2]);
     line.camera.focus = render::line::Focus::Distance { distance_m: 0.8 };
     let sheet_intrinsics = serde_json::from_value(intrinsics).expect("intrinsics are numbers");
     let hash = |mut x: u32| {
@@ -108,14 +108,14 @@ fn procedural(
     let listing = procedural::listing(8, PHOTOGRAPHS_SEED);
     let of = |place: Place, skip: usize| {
         let found = listing.iter().filter(|p| p.place == place).nth(skip);
-        found.expect("eight photographs have four of each place")
+        found.expect("four of the eight photographs show each place")
     };
     let front = of(places[0], 0);
     let back = of(places[1], usize::from(places[0] == places[1]));
     let intrinsics = serde_json::to_value(procedural::intrinsics(size[0], size[1]))
         .expect("intrinsics are numbers");
     let is_far = places.map(|place| place == Place::Outdoor);
-    let line = line(name, film_px, [&intrinsics; 2], is_far);
+    let line = line(name, film_px, &intrinsics, is_far);
     let files = SceneFiles {
         front: SideFiles::Photograph(photograph(front, size)?),
         back: SideFiles::Photograph(photograph(back, size)?),
@@ -124,7 +124,7 @@ fn procedural(
     Ok(BenchScene { name: name.to_owned(), line, photographs })
 }
 
-/// The files of a procedural photograph, in memory.
+/// Encodes the files of a procedural photograph in memory.
 pub(super) fn photograph(
     which: &SamplePhotograph,
     size: [u32; 2],
@@ -138,26 +138,20 @@ pub(super) fn photograph(
     })
 }
 
-/// The paper's camera and pane; with `is_far` the sky is at the farthest depth.
-fn line(
-    name: &str,
-    film_px: u32,
-    intrinsics: [&serde_json::Value; 2],
-    is_far: [bool; 2],
-) -> SceneLine {
-    let photograph = |side: usize| {
+/// Builds a line with the paper's camera and pane. On a side with `is_far`, the sky is at the farthest depth.
+fn line(name: &str, film_px: u32, intrinsics: &Value, is_far: [bool; 2]) -> SceneLine {
+    let [front, back] = is_far.map(|is_far| {
         json!({
             "color": "built in", "depth": "built in", "mask": "built in",
-            "fill": if is_far[side] { "far" } else { "smooth" },
-            "intrinsics": intrinsics[side],
+            "fill": if is_far { "far" } else { "smooth" }, "intrinsics": intrinsics,
         })
-    };
+    });
     let line = json!({
         "schema": "glasshouse.scene/1", "id": name, "seed": 1,
         "film": {"width": film_px, "height": film_px, "spp": 256},
         "camera": {"focal_length_mm": 55.0, "aperture_radius_m": 0.00893, "focus": {"at": "front_center"}},
         "glass": {"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6},
-        "front": photograph(0), "back": photograph(1),
+        "front": front, "back": back,
     });
-    parse_scene(&line.to_string()).expect("a built-in scene's line is sound")
+    parse_scene(&line.to_string()).expect("the line of a built-in scene is valid")
 }

@@ -1,4 +1,4 @@
-//! Seconds of a training step and its parts.
+//! Measures a training step and its parts.
 
 use crate::run::process_cpu_s;
 use std::time::Instant;
@@ -7,23 +7,23 @@ use train::{Batch, FeatureSource, Learner, Stage, Stream, TrainSettings, Vgg};
 
 #[derive(Clone, Debug)]
 pub struct TrainStep {
-    /// User and system time of all threads.
+    /// User and system time of all threads, s.
     pub cpu_s: f64,
     pub wall_s: f64,
-    /// CPU seconds of its parts in order; names may repeat.
+    /// Names and CPU seconds of the parts, in order; names may repeat.
     pub parts: Vec<(&'static str, f64)>,
     /// Loss of the generators.
     pub loss: f32,
 }
 
-/// The measured step of the separation stage.
+/// Networks of the separation stage, and the batch of the measured steps.
 pub struct TrainBench {
     learner: Learner,
     batch: Batch,
 }
 
 impl TrainBench {
-    /// SP-net, BT-net, a discriminator trained in every step, and a random VGG-19, on random images of `size_px` squared.
+    /// Creates SP-net, BT-net, a discriminator that learns in every step, a random VGG-19, and random square images.
     pub fn new(settings: &TrainSettings, size_px: usize, device: &Device) -> Result<Self> {
         let settings = TrainSettings { discriminator_every: 1, ..settings.clone() };
         let vgg = match settings.features {
@@ -48,7 +48,7 @@ impl TrainBench {
         })
     }
 
-    /// Number of trainable weights, without VGG.
+    /// Returns the number of trainable weights, without those of VGG.
     pub fn parameters(&self) -> usize {
         self.learner.parameters()
     }

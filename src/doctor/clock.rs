@@ -1,15 +1,15 @@
-//! Clocks: leases and ages use the monotonic clock; requests to a bucket are signed with the time of day.
+//! Checks the clocks: leases and ages use the monotonic clock, signatures of requests to a bucket the time of day.
 
 use super::finding::{Finding, Level, seconds_text};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// Time over which both clocks are compared.
+/// Time for which both clocks are compared.
 const LOOK: Duration = Duration::from_millis(50);
-/// Buckets refuse requests that are signed with a larger offset.
+/// Offset above which buckets refuse signed requests, s.
 const REFUSED_S: f64 = 900.0;
-/// A larger offset means that the clock is not synchronised.
+/// Offset above which a clock is not synchronised, s.
 const OFF_S: f64 = 5.0;
-/// Start of 2025, before the first release.
+/// Start of 2025, before the first release, as Unix time.
 const PAST_S: u64 = 1_735_689_600;
 
 /// Checks that the clocks run forwards and at the same rate.
@@ -26,19 +26,19 @@ pub fn check_clock() -> Finding {
     let apart = (by_day.as_secs_f64() - start.elapsed().as_secs_f64()).abs();
     let today = day.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     Finding::ok("clock", "runs forwards and evenly")
-        .unless(is_steady, Level::Fail, "the monotonic clock went back: leases do not work on this machine")
+        .unless(is_steady, Level::Fail, "the monotonic clock ran backwards: leases do not work on this machine")
         .unless(
             today > PAST_S,
             Level::Fail,
-            "the time of day is before this program's release: set the clock (NTP), or certificates are rejected",
+            "the time of day is before the release of this program: set the clock (NTP), or TLS rejects certificates",
         )
         .unless(apart < 0.02, Level::Warn, "the time of day jumps: it is being set; check again in a minute")
         .with("unix_s", today)
         .with("apart_s", apart)
 }
 
-/// Compares this machine's clock with another that showed `there` between `before` and `after`; `exact_s` is its
-/// resolution.
+/// Compares this machine's clock with another clock that showed `there` between `before` and `after`; `exact_s` is the
+/// resolution of the other clock.
 pub(super) fn compare(
     check: &'static str,
     there: SystemTime,
@@ -48,7 +48,7 @@ pub(super) fn compare(
     let seconds =
         |time: SystemTime| time.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64();
     let (there, before, after) = (seconds(there), seconds(before), seconds(after));
-    // Within the interval no offset can be detected.
+    // Times within the interval show no offset.
     let off = if there + exact_s < before {
         there + exact_s - before
     } else if there > after {
@@ -57,10 +57,10 @@ pub(super) fn compare(
         0.0
     };
     let text = if off == 0.0 {
-        "agrees with this machine's".to_owned()
+        "agrees with the clock of this machine".to_owned()
     } else {
         let way = if off > 0.0 { "ahead of" } else { "behind" };
-        format!("{} {way} this machine's", seconds_text(off.abs()))
+        format!("{} {way} the clock of this machine", seconds_text(off.abs()))
     };
     Finding::ok(check, text)
         .unless(
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clocks_are_compared() {
+    fn large_offsets_of_a_clock_are_reported() {
         let at = |s: u64| UNIX_EPOCH + Duration::from_secs(s);
         let of = |there| compare("c", at(there), [at(1000), at(1002)], 1.0);
         assert_eq!(of(1001).level, Level::Ok);

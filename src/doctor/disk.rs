@@ -1,6 +1,6 @@
-//! The disk of a run: space, speed, and the guarantees of renames, links and locks.
+//! Checks the disk of a run: space, speed, and the guarantees of renames, links and locks.
 //!
-//! Most probes do not use [`render::atomic_file`], because they test the guarantees that it relies on.
+//! Most probes do not use [`render::atomic_file`], because they test the guarantees that this module relies on.
 
 use super::finding::{Finding, Level, bytes_text, seconds_text};
 use render::atomic_file;
@@ -9,20 +9,20 @@ use std::io::{self, ErrorKind, Write};
 use std::path::Path;
 use std::time::Instant;
 
-/// Bytes of the long file.
+/// Length of the long file, bytes.
 const WRITTEN: usize = 32 << 20;
-/// Files that are written durably, one by one.
+/// Number of files that are written durably, one by one.
 const DURABLE_FILES: usize = 15;
-/// Files that are created, listed and removed.
+/// Number of files that are created, listed and removed.
 const SMALL_FILES: usize = 100;
-/// With less space, most runs do not fit.
+/// Free space below which most runs do not fit, bytes.
 const LITTLE_SPACE: u64 = 1_000_000_000;
 const NO_SPACE: u64 = 50_000_000;
 const SLOW_MB_PER_S: f64 = 20.0;
 const SLOW_DURABLE_S: f64 = 0.05;
 const SLOW_SMALL_S: f64 = 5.0;
 
-/// Free bytes on the disk of a folder that may not exist yet.
+/// Returns the free bytes on the disk of a folder that may not exist yet.
 pub fn available_bytes(folder: &Path) -> Option<u64> {
     let folder = std::path::absolute(folder).ok()?;
     let there = folder.ancestors().find(|folder| folder.is_dir())?;
@@ -30,7 +30,7 @@ pub fn available_bytes(folder: &Path) -> Option<u64> {
     Some(disk.f_bavail * disk.f_frsize)
 }
 
-/// Measures in a temporary folder in `folder`, which is removed.
+/// Measures in a temporary folder inside `folder`, and removes it.
 pub fn check_disk(folder: &Path) -> Vec<Finding> {
     type Probe = fn(&Path) -> io::Result<Finding>;
     let probes: [(&str, Probe); 4] = [
@@ -52,10 +52,10 @@ pub fn check_disk(folder: &Path) -> Vec<Finding> {
 fn cannot(check: &'static str, error: &io::Error) -> Finding {
     let to_do = match error.kind() {
         ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
-            "let this user write there, or take another folder (`plan --out`, `--store`)"
+            "give this user permission to write, or use another folder (`plan --out`, `--store`)"
         }
-        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room, or take another disk",
-        _ => "take another folder, or check this disk",
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "free space, or use another disk",
+        _ => "use another folder, or check this disk",
     };
     Finding::fail(check, format!("cannot write: {error}"), to_do)
 }
@@ -65,7 +65,7 @@ fn space(bytes: Option<u64>) -> Finding {
         return Finding::warn("disk space", "unknown to the system", "check with `df`");
     };
     Finding::ok("disk space", format!("{} free", bytes_text(bytes as f64)))
-        .unless(bytes >= NO_SPACE, Level::Fail, "make room, or take another disk")
+        .unless(bytes >= NO_SPACE, Level::Fail, "free space, or use another disk")
         .unless(
             bytes >= LITTLE_SPACE,
             Level::Warn,
@@ -101,7 +101,7 @@ fn speed(place: &Path) -> io::Result<Finding> {
         .with("mb_per_s", rate))
 }
 
-/// The cost of writing a partial or a file of a tuple.
+/// Measures the time of a durable write, as of a partial or a file of a tuple.
 fn durable(place: &Path) -> io::Result<Finding> {
     let mut seconds = Vec::new();
     for number in 0..DURABLE_FILES {
@@ -136,7 +136,7 @@ fn small_files(place: &Path) -> io::Result<Finding> {
     let listed = fs::read_dir(&folder)?.count();
     fs::remove_dir_all(&folder)?;
     let seconds = start.elapsed().as_secs_f64();
-    let text = format!("{SMALL_FILES} made, listed and removed in {}", seconds_text(seconds));
+    let text = format!("{SMALL_FILES} created, listed and removed in {}", seconds_text(seconds));
     Ok(Finding::ok("small files", text)
         .unless(
             seconds <= SLOW_SMALL_S,
@@ -165,12 +165,12 @@ fn promises(place: &Path) -> io::Result<Finding> {
         broken.push("a file can be created twice (O_EXCL)");
     }
     match fs::hard_link(path("one"), path("link")) {
-        // Objects are put once by a hard link.
+        // The store uses a hard link to put an object at most once.
         Ok(()) if !is_taken(fs::hard_link(path("two"), path("link"))) => {
             broken.push("a link replaces a file");
         }
         Ok(()) => {}
-        Err(_) => broken.push("there are no hard links"),
+        Err(_) => broken.push("hard links do not work"),
     }
     fs::rename(path("two"), path("one"))?;
     if fs::read(path("one"))? != b"two" || path("two").exists() {
@@ -200,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_good_disk_passes_and_no_file_stays() {
+    fn a_good_disk_passes_and_no_file_remains() {
         let folder = tempfile::tempdir().unwrap();
         let found = check_disk(folder.path());
         assert_eq!(found.len(), 5);
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_that_cannot_be_written_fails() {
+    fn a_folder_without_write_permission_fails() {
         let found = check_disk(Path::new("/proc"));
         let worst = found.iter().map(|f| f.level).max();
         assert_eq!(worst, Some(Level::Fail), "{found:?}");
@@ -222,7 +222,7 @@ mod tests {
         let there = available_bytes(folder.path()).unwrap();
         let to_be = available_bytes(&folder.path().join("a/b")).unwrap();
         assert!(there > 0 && to_be > 0);
-        // Other processes may write meanwhile.
+        // Other processes may write between the two calls.
         assert!(there.abs_diff(to_be) < there / 2);
     }
 }

@@ -7,9 +7,9 @@ use serde_json::{Map, Value};
 #[serde(rename_all = "snake_case")]
 pub enum Level {
     Ok,
-    /// It works, but slower or less safely than it could.
+    /// The feature works, but slowly or less safely.
     Warn,
-    /// It does not work.
+    /// The feature does not work.
     Fail,
 }
 
@@ -28,7 +28,7 @@ pub struct Finding {
     /// Name of the check.
     pub check: &'static str,
     pub level: Level,
-    /// The result in words.
+    /// Result in words.
     pub value: String,
     /// Advice, if the level is not `Ok`.
     pub to_do: Option<String>,
@@ -59,7 +59,7 @@ impl Finding {
         self
     }
 
-    /// [`Self::but`] if `is_so` is false.
+    /// Calls [`Self::but`] if `is_so` is false.
     #[must_use]
     pub fn unless(self, is_so: bool, level: Level, to_do: impl Into<String>) -> Self {
         if is_so { self } else { self.but(level, to_do) }
@@ -73,7 +73,7 @@ impl Finding {
     }
 }
 
-/// `12 kB`, `3.4 MB`, `5.6 GB`: decimal units.
+/// Formats bytes in decimal units: `12 kB`, `3.4 MB`, `5.6 GB`.
 pub(crate) fn bytes_text(bytes: f64) -> String {
     match bytes {
         b if b < 1e6 => format!("{:.0} kB", b / 1e3),
@@ -82,7 +82,7 @@ pub(crate) fn bytes_text(bytes: f64) -> String {
     }
 }
 
-/// `0.3 ms`, `12 ms`, `1.4 s`
+/// Formats seconds: `0.3 ms`, `12 ms`, `1.4 s`.
 pub(super) fn seconds_text(seconds: f64) -> String {
     match seconds * 1e3 {
         ms if ms < 0.1 => "under 0.1 ms".to_owned(),

@@ -1,11 +1,11 @@
-//! Checks that this machine computes the same bits as all others.
+//! Checks that this machine computes the same bits as all other machines.
 
 use super::finding::{Finding, seconds_text};
 use render::shard::{Golden, golden, pinned};
 use render::trace::{Isa, TRACER_VERSION};
 use std::time::Instant;
 
-/// Traces the golden shard and compares its digest with the digest of this version and with that of a run.
+/// Traces the golden shard and compares its digest with the digests of this version and of a run.
 pub fn check_golden(isa: Isa, threads: usize, run: Option<&Golden>) -> Finding {
     let start = Instant::now();
     let found = golden(isa, threads);
@@ -20,14 +20,14 @@ fn judge(found: &Golden, pinned: &Golden, run: Option<&Golden>, text: &str) -> F
         return Finding::fail(
             "right bits",
             format!("{text}, but its bits differ from tracer version {TRACER_VERSION}"),
-            "do not use this machine for a run; please report its processor",
+            "do not use this machine for a run, and report its processor",
         );
     }
     if run.is_some_and(|run| run != pinned) {
         return Finding::fail(
             "right bits",
             format!(
-                "{text}: the bits of this version, but the run was planned with another version"
+                "{text}: its bits are those of this version, but another version planned the run"
             ),
             "finish the run with the version that planned it, or plan again into a new folder",
         );

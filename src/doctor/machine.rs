@@ -1,17 +1,17 @@
-//! Cores, instruction sets, open files.
+//! Checks the processor, the cores and the limit of open files.
 
 use super::finding::{Finding, Level};
 use render::trace::Isa;
 use rustix::process::{Resource, getrlimit};
 
-/// Enough open files for a worker or a coordinator with a page.
+/// Number of open files that suffices for a worker, and for a coordinator with a page.
 const OPEN_FILES: u64 = 1024;
-/// Fewer are not enough for the store.
+/// Least number of open files that the store needs.
 const FEWEST_OPEN_FILES: u64 = 128;
 
 /// Checks the processor, and its cores against the number of compute threads.
 pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
-    let model = model().unwrap_or_else(|| "unknown processor".to_owned());
+    let model = cpu_name().unwrap_or_else(|| "unknown processor".to_owned());
     let (avx2, avx512) = (Isa::detect() == Isa::Avx2, has_avx512());
     let yes = |is: bool| if is { "yes" } else { "no" };
     let taken = match isa {
@@ -24,7 +24,7 @@ pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
         .unless(
             isa == Isa::Avx2,
             Level::Warn,
-            "no error: without AVX2 tracing gives the same bits, but takes a few times as long",
+            "no error: without AVX2, tracing computes the same bits, but takes a few times as long",
         )
         .with("model", model)
         .with("avx2", avx2)
@@ -37,11 +37,11 @@ pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
     } else {
         String::new()
     };
-    let cores = Finding::ok("cores", format!("{there}{limited}; {threads} threads would compute"))
+    let cores = Finding::ok("cores", format!("{there}{limited}; workers use {threads} threads"))
         .unless(
             threads <= there,
             Level::Warn,
-            format!("use -j {there}: more threads than cores only need more memory"),
+            format!("use -j {there}: more threads than cores take memory and save no time"),
         )
         .with("cores", there)
         .with("cores_of_machine", online)
@@ -60,13 +60,14 @@ fn has_avx512() -> bool {
     }
 }
 
-fn model() -> Option<String> {
+/// Returns the model name of the processor, if known.
+pub fn cpu_name() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// Cores of the machine, including those that this process may not use.
+/// Returns the number of the machine's cores, including cores that this process may not use.
 fn online() -> Option<usize> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let count = text.lines().filter(|line| line.starts_with("processor")).count();

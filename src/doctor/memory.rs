@@ -1,20 +1,20 @@
-//! Available memory of the machine and its container, against the needs of the threads.
+//! Compares the available memory of the machine and its container with the needs of the threads.
 
 use super::finding::{Finding, Level, bytes_text};
 use std::fs::read_to_string;
 use std::path::{Path, PathBuf};
 
-/// Memory of a tracing process without its threads.
+/// Memory of a tracing process without its threads, bytes.
 const BASE_BYTES: u64 = 50_000_000;
-/// Memory of each compute thread with photographs of 1024 x 768 px and a film of 256 x 256 px: a loaded scene, shards,
-/// and encoded results. Measured: 138 MB with one thread, 236 MB with two.
+/// Memory of each compute thread, bytes, with photographs of 1024 x 768 px and a film of 256 x 256 px: a loaded scene,
+/// shards, and encoded results. Measured: 138 MB with one thread, 236 MB with two.
 const THREAD_BYTES: u64 = 120_000_000;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Memory {
-    /// Available on the machine, bytes.
+    /// Available memory of the machine, bytes.
     available: Option<u64>,
-    /// Left in the container, bytes.
+    /// Available memory of the container, bytes.
     left_in_group: Option<u64>,
     /// Limit of the container, bytes.
     group_limit: Option<u64>,
@@ -32,7 +32,7 @@ fn judge(memory: Memory, threads: usize) -> Finding {
         return Finding::warn(
             "memory",
             "unknown to the system",
-            "make sure that there are 120 MB per thread",
+            "provide at least 120 MB for each thread",
         );
     };
     let group = memory.group_limit.map_or_else(String::new, |limit| {
@@ -48,7 +48,7 @@ fn judge(memory: Memory, threads: usize) -> Finding {
         .unless(
             most > 0,
             Level::Fail,
-            "free memory, or raise the container's limit: it is not enough for one thread",
+            "free memory, or raise the container's limit: the memory does not suffice for one thread",
         )
         .unless(
             there >= need,
@@ -70,7 +70,7 @@ fn look(root: &Path) -> Memory {
     let mut memory = Memory { available, ..Memory::default() };
     for (limit, used) in groups(root) {
         let number = |path: &Path| read_to_string(path).ok()?.trim().parse::<u64>().ok();
-        // `max`, or a number near the largest, means no limit.
+        // `max`, or a number near the maximum of an integer, means no limit.
         let Some(limit) = number(&limit).filter(|limit| *limit < 1 << 60) else {
             continue;
         };
@@ -82,7 +82,7 @@ fn look(root: &Path) -> Memory {
     memory
 }
 
-/// Files with the limit and the usage of each control group of this process, of versions 2 and 1.
+/// Lists the files with limit and usage of each control group of this process, in versions 2 and 1.
 fn groups(root: &Path) -> Vec<(PathBuf, PathBuf)> {
     let mut files = Vec::new();
     let text = read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
@@ -99,7 +99,7 @@ fn groups(root: &Path) -> Vec<(PathBuf, PathBuf)> {
             }
             _ => continue,
         };
-        // Inside a container, the process's group is often mounted at the top.
+        // Inside a container, the group of the process is often mounted at the top.
         let mount = root.join(mount);
         let own = mount.join(path.trim_start_matches('/'));
         for folder in own.ancestors().take_while(|folder| folder.starts_with(&mount)) {

@@ -1,11 +1,11 @@
-//! Checks of this machine and of its connection to store and queue: `glasshouse doctor`.
+//! `glasshouse doctor`: checks this machine and its connection to store and queue.
 //!
 //! ```text
 //! machine (cores, kernels, memory, open files)    disk (space, speed, guarantees)    clock
 //! golden (bits of the golden shard)               store, queue (answers and guarantees)
 //! ```
 //!
-//! Every check gives a [`Finding`]: a measurement, a level and advice. The checks leave no files behind.
+//! Every check returns a [`Finding`]: a measurement, a level and advice. The checks leave no files behind.
 
 mod clock;
 mod disk;
@@ -21,7 +21,7 @@ pub use disk::{available_bytes, check_disk};
 pub(crate) use finding::bytes_text;
 pub use finding::{Finding, Level};
 pub use golden::check_golden;
-pub use machine::{check_cpu, check_open_files};
+pub use machine::{check_cpu, check_open_files, cpu_name};
 pub use memory::check_memory;
 #[cfg(feature = "nats")]
 pub use queue::check_queue;

@@ -1,4 +1,4 @@
-//! The queue's server: answer, JetStream, version.
+//! Checks the server of the queue: answer time, JetStream, version.
 
 #[cfg(feature = "nats")]
 use super::clock::compare;
@@ -7,10 +7,10 @@ use super::finding::{Finding, Level, seconds_text};
 use crate::farm::queue::{NatsOptions, probe_nats};
 use serde_json::json;
 
-/// The oldest server with all required functions, and the recommended one.
+/// Oldest server version with all required functions, and recommended version.
 const OLDEST: [u32; 3] = [2, 9, 10];
 const RECOMMENDED: [u32; 3] = [2, 12, 0];
-/// A slower server is reported, because workers ask it for every task.
+/// Answer time above which a server is too slow, because workers ask it for every task, s.
 const SLOW_S: f64 = 0.5;
 
 /// Connects, reads the limits, creates a small stream in memory and removes it.
@@ -20,7 +20,7 @@ pub fn check_queue(options: &NatsOptions) -> Vec<Finding> {
         Ok(facts) => facts,
         Err(error) => {
             let to_do =
-                "check that the server runs, the address, and that its port is open from here";
+                "check the address, that the server runs, and that this machine can reach its port";
             return vec![Finding::fail("queue", error.to_string(), to_do)];
         }
     };
@@ -44,7 +44,7 @@ pub fn check_queue(options: &NatsOptions) -> Vec<Finding> {
         }
         (Err(None), true) => Finding::ok(
             "JetStream",
-            "enabled; this user may not read its limits, which a worker does not need",
+            "enabled; this user may not read its limits, but a worker does not need them",
         ),
         (Err(Some(reason)), true) => Finding::ok("JetStream", format!("enabled; its limits cannot be read ({reason})")),
         (Err(reason), false) => Finding::fail(
@@ -57,8 +57,8 @@ pub fn check_queue(options: &NatsOptions) -> Vec<Finding> {
         Some(Ok((there, between))) => findings.push(compare("queue clock", there, between, 0.0)),
         Some(Err(reason)) => findings.push(Finding::warn(
             "streams",
-            format!("none can be created: {reason}"),
-            "correct for a worker's key; a coordinator's key must be allowed to",
+            format!("this user cannot create a stream: {reason}"),
+            "right for the key of a worker; the key of a coordinator needs this permission",
         )),
         None => {}
     }
@@ -70,7 +70,7 @@ pub fn judge_queue(version: &str, answer_s: f64) -> Finding {
     let numbers = numbers(version);
     let text = format!("nats-server {version} answers in {}", seconds_text(answer_s));
     let old = format!(
-        "take {} or newer; {}.{} is recommended",
+        "use {} or newer; {}.{} is recommended",
         OLDEST.map(|n| n.to_string()).join("."),
         RECOMMENDED[0],
         RECOMMENDED[1]
@@ -83,7 +83,7 @@ pub fn judge_queue(version: &str, answer_s: f64) -> Finding {
         .with("answer_s", answer_s)
 }
 
-/// `2.10.22-beta` as numbers.
+/// Parses a version like `2.10.22-beta`, without its suffix.
 fn numbers(version: &str) -> Option<[u32; 3]> {
     let plain = version.split(['-', '+']).next()?;
     let mut parts = plain.split('.').map(|part| part.parse().ok());

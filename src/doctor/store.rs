@@ -1,4 +1,4 @@
-//! The store: put, read, list, compare and remove one small object.
+//! Checks the store: puts, reads, lists, compares and removes one small object.
 
 use super::clock::compare;
 use super::finding::{Finding, Level, seconds_text};
@@ -7,9 +7,9 @@ use std::time::{Instant, SystemTime};
 
 /// Folder of the probe's object.
 const FOLDER: &str = "doctor-probe";
-/// A slower store is reported, because every result is put there.
+/// Time of a put above which a store is too slow, because workers put every result there, s.
 const SLOW_S: f64 = 1.0;
-/// A bucket reports whole seconds.
+/// Resolution of the times that a bucket reports, s.
 const EXACT_S: f64 = 1.0;
 
 /// Creates the object `doctor-probe/NAME` and removes it. `name` must be unique.
@@ -20,10 +20,10 @@ pub fn check_store(store: &Store, name: &str) -> Vec<Finding> {
     if let Err((what, error)) = checked {
         findings.push(failed(what, &error));
     }
-    // Also after a failure.
+    // The probe's object is removed after a failure, too.
     let start = Instant::now();
     let removed = store.delete(std::slice::from_ref(&key));
-    // After a failure the removal says nothing new.
+    // After a failure, the result of the removal adds nothing.
     if findings.iter().all(|f| f.level < Level::Fail) {
         findings.push(match removed {
             Ok(()) => {
@@ -38,7 +38,7 @@ pub fn check_store(store: &Store, name: &str) -> Vec<Finding> {
         });
     }
     if let Some(root) = store.local_root() {
-        // Only removes an empty folder: another doctor may use it.
+        // Removes only an empty folder, because another doctor may use it.
         let _ = std::fs::remove_dir(root.join(FOLDER));
     }
     findings
@@ -50,14 +50,14 @@ fn probe(store: &Store, key: &str, findings: &mut Vec<Finding>) -> Result<(), Fa
     let (start, before) = (Instant::now(), SystemTime::now());
     let put = store.create(key, b"one").map_err(|e| ("store put", e))?;
     let (seconds, after) = (start.elapsed().as_secs_f64(), SystemTime::now());
-    let text = format!("{} takes an object in {}", store.name(), seconds_text(seconds));
+    let text = format!("{} stores an object in {}", store.name(), seconds_text(seconds));
     findings.push(
         Finding::ok("store put", text)
             .unless(seconds < SLOW_S, Level::Warn, "putting results is slow: use a nearer store")
             .unless(
                 put == Put::New,
                 Level::Warn,
-                "an object with the probe's name existed: do two doctors run?",
+                "an object with the probe's name existed: check whether another doctor is running",
             )
             .with("seconds", seconds),
     );
@@ -69,7 +69,7 @@ fn probe(store: &Store, key: &str, findings: &mut Vec<Finding>) -> Result<(), Fa
             .unless(
                 read.as_deref() == Some(b"one"),
                 Level::Fail,
-                "the object just put reads differently: this store cannot hold a run",
+                "the new object has other bytes: this store cannot hold a run",
             )
             .with("seconds", seconds),
     );
@@ -82,7 +82,7 @@ fn probe(store: &Store, key: &str, findings: &mut Vec<Finding>) -> Result<(), Fa
             .unless(
                 found.is_some(),
                 Level::Fail,
-                "the object just put is not listed, but a run relies on lists",
+                "the list lacks the new object: this store cannot hold a run",
             )
             .with("seconds", seconds),
     );
@@ -93,7 +93,7 @@ fn probe(store: &Store, key: &str, findings: &mut Vec<Finding>) -> Result<(), Fa
     Ok(())
 }
 
-/// A second put of other bytes must be refused, or machines with different results would stay undetected.
+/// Checks that the store refuses a second put of other bytes; otherwise, different results could stay undetected.
 fn once(store: &Store, key: &str) -> Result<Finding, StoreError> {
     let is_refused = match store.create(key, b"two") {
         Err(StoreError::Differs { .. }) => true,
@@ -101,7 +101,7 @@ fn once(store: &Store, key: &str) -> Result<Finding, StoreError> {
         Ok(_) => false,
     };
     Ok(if is_refused && store.create(key, b"one")? == Put::Same {
-        Finding::ok("store put once", "an existing name is refused, and its object stays")
+        Finding::ok("store put once", "the store refuses an existing name and keeps its object")
     } else {
         Finding::fail(
             "store put once",
@@ -113,7 +113,7 @@ fn once(store: &Store, key: &str) -> Result<Finding, StoreError> {
 
 fn failed(check: &'static str, error: &StoreError) -> Finding {
     let to_do = if error.is_passing() {
-        "check its address, and that it runs; a bucket outside AWS needs AWS_ENDPOINT_URL"
+        "check the store's address, and that the store runs; a bucket outside AWS needs AWS_ENDPOINT_URL"
     } else {
         "check bucket, keys (AWS_ACCESS_KEY_ID, …), region and permissions"
     };
@@ -125,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_is_a_good_store_and_no_object_stays() {
+    fn a_folder_is_a_good_store_and_no_object_remains() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::local(folder.path()).unwrap();
         let found = check_store(&store, "x");

@@ -8,7 +8,7 @@ use crate::run::Run;
 use serde_json::json;
 use std::fmt::Write;
 
-/// The hub's size categories and their upper bounds.
+/// Upper bounds and names of the hub's size categories.
 const SIZES: [(u64, &str); 6] = [
     (1_000, "n<1K"),
     (10_000, "1K<n<10K"),
@@ -18,7 +18,7 @@ const SIZES: [(u64, &str); 6] = [
     (u64::MAX, "10M<n<100M"),
 ];
 
-/// Largest number of quarantined scenes on the card; `export.json` lists all of them.
+/// Maximum number of quarantined scenes on the card; `export.json` lists all of them.
 const SHOWN: usize = 50;
 
 pub(super) fn card(run: &Run, plan: &ExportPlan, summary: &Summary) -> String {
@@ -62,20 +62,20 @@ fn header(plan: &ExportPlan, summary: &Summary) -> String {
 
 fn what(plan: &ExportPlan, summary: &Summary) -> String {
     let mut text = format!(
-        "# {}\n\nPictures of scenes behind a pane of glass that reflects another scene, and their exact parts: for training and \
-         testing of single-image reflection removal. Made by Glasshouse after Kim, Huo and Yoon, \"Single Image Reflection Removal \
-         with Physically-Based Training Images\" (CVPR 2020).\n\n| split | tuples |\n|---|---|\n",
+        "# {}\n\nPictures of scenes behind a pane of glass that reflects another scene, with their exact layers, for training \
+         and testing single-image reflection removal. Glasshouse made them after Kim, Huo and Yoon, \"Single Image Reflection \
+         Removal with Physically-Based Training Images\" (CVPR 2020).\n\n| split | tuples |\n|---|---|\n",
         plan.request.name
     );
     for (split, tuples) in &summary.splits {
         let _ = writeln!(text, "| {split} | {tuples} |");
     }
-    text += "\nNo photograph is in two splits if the recipe drew them; a manifest that was written by hand may differ.\n";
+    text += "\nNo photograph is in two splits if a recipe drew the scenes; a manifest written by hand may differ.\n";
     text += "\n| layer | contents |\n|---|---|\n";
     let contents = [
         "I: the front scene through the glass and the back scene reflected by it, with the lens",
-        "T: the front scene on paths bent as by the glass, without its loss and ghosts, with the lens",
-        "R~: what the glass reflects of the back scene (double image, loss), with the lens",
+        "T: the front scene through glass without losses and ghosts, with the lens",
+        "R~: the back scene reflected by the glass (double image, loss), with the lens",
         "R: the back scene mirrored, without effects of glass and lens",
     ];
     for (layer, name) in plan.layers() {
@@ -90,7 +90,7 @@ fn what(plan: &ExportPlan, summary: &Summary) -> String {
     };
     let _ = write!(
         text,
-        "\nPixels: {pixels}. `input - glass_reflection` is the front scene through the real glass in linear light alone, never \
+        "\nPixels: {pixels}. `input - glass_reflection` is the front scene through the real glass only in linear light, not \
          in sRGB codes.\n"
     );
     text
@@ -99,9 +99,9 @@ fn what(plan: &ExportPlan, summary: &Summary) -> String {
 fn how(plan: &ExportPlan, summary: &Summary) -> String {
     let request = &plan.request;
     let mut text = format!(
-        "## How it was made\n\nRecipe `{}`, manifest {} (BLAKE3), tracer version {}. Two RGBD photographs a scene become sheets in \
-         space, radiance as photographed; rays are followed through a thin lens and a plane-parallel pane whose orders of reflection \
-         are in closed form.\n\n| parameter | least | largest |\n|---|---|---|\n",
+        "## How it was made\n\nRecipe `{}`, manifest {} (BLAKE3), tracer version {}. The two RGBD photographs of a scene become \
+         sheets in space with the photographed radiance; the tracer follows rays through a thin lens and a plane-parallel pane, \
+         whose orders of reflection are in closed form.\n\n| parameter | least | largest |\n|---|---|---|\n",
         request.name, request.manifest_blake3, request.tracer_version
     );
     for ((name, _), [least, largest]) in PARAMETERS.iter().zip(&summary.numbers.ranges) {
@@ -112,7 +112,7 @@ fn how(plan: &ExportPlan, summary: &Summary) -> String {
 
 fn errors(plan: &ExportPlan, summary: &Summary) -> String {
     let mut text = "## Stated errors\n\nEach tuple states the RMS error of each layer, estimated from its own samples (linear light, \
-                    white is 1). Over all tuples, and the share of values above 1, which PNGs clip:\n\n\
+                    white is 1). The table has these errors over all tuples, and the share of values above 1, which PNGs clip:\n\n\
                     | layer | pictures | mean error | largest error | mean share clipped | largest share |\n|---|---|---|---|---|---|\n"
         .to_owned();
     for (_, name) in plan.layers() {
@@ -139,12 +139,12 @@ fn mean_and_max(of: SumAndMax, count: u64) -> [String; 2] {
 }
 
 fn left_out(plan: &ExportPlan) -> String {
-    let mut text = "## Scenes that are not in it\n\n".to_owned();
+    let mut text = "## Missing scenes\n\n".to_owned();
     let missing = plan.missing();
     if missing > 0 {
         let _ = writeln!(
             text,
-            "{missing} scenes of the manifest were not rendered yet when this was exported.\n"
+            "{missing} scenes of the manifest were not rendered yet when this set was exported.\n"
         );
     }
     let quarantined = plan.quarantined().count();
@@ -168,7 +168,7 @@ fn left_out(plan: &ExportPlan) -> String {
 
 fn terms(run: &Run, summary: &Summary) -> String {
     let mut text = "## Sources and terms\n\nThe pictures show photographs of the sources below. **The sources' own terms apply to them**; \
-                    `license: other` above stands until whoever publishes this set names a licence that those terms allow.\n\n\
+                    `license: other` above remains until the publisher of this set names a licence that those terms allow.\n\n\
                     | source | sides of scenes | |\n|---|---|---|\n"
         .to_owned();
     for (root, sides) in &summary.numbers.roots {
@@ -183,7 +183,7 @@ fn terms(run: &Run, summary: &Summary) -> String {
         let note = if is_procedural {
             "procedural, made by Glasshouse: no photograph"
         } else {
-            "photographs; see the terms of whoever published them"
+            "photographs; see the terms of their publisher"
         };
         let _ = writeln!(text, "| {name} | {sides} | {note} |");
     }
@@ -204,11 +204,11 @@ fn files(plan: &ExportPlan) -> String {
              `SPLIT/clean_reflection_layer/`."
         }
         ExportFormat::Exr => {
-            "`SPLIT/ID.exr`: a multi-part OpenEXR file a tuple, a part for each layer, of its name, with channels R, G, B."
+            "`SPLIT/ID.exr`: a multi-part OpenEXR file for each tuple. Each part has the name of its layer and channels R, G, B."
         }
     };
     format!(
-        "## Files\n\n{layout} `export.json` is what was asked for. `SHA256SUMS` has the digests of all files: `sha256sum -c \
+        "## Files\n\n{layout} `export.json` has the request. `SHA256SUMS` has the digests of all files: `sha256sum -c \
          SHA256SUMS` checks them.\n"
     )
 }

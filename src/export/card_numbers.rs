@@ -1,4 +1,4 @@
-//! The card's numbers: ranges of parameters, stated errors. Summed part by part in a fixed order.
+//! Numbers on the card: ranges of parameters and stated errors, summed part by part in a fixed order.
 
 use render::line::Side;
 use render::merge::TupleRecord;
@@ -29,19 +29,19 @@ pub(super) const PARAMETERS: [Parameter; 13] = [
 #[serde(deny_unknown_fields)]
 pub(super) struct Numbers {
     pub(super) tuples: u64,
-    /// Least and largest of each of [`PARAMETERS`]; empty without tuples.
+    /// Least and largest value of each of [`PARAMETERS`]; empty without tuples.
     pub(super) ranges: Vec<[f64; 2]>,
     pub(super) layers: BTreeMap<String, LayerNumbers>,
-    /// Number of scene sides by the named root of their files.
+    /// Number of scene sides, by the named root of their files.
     pub(super) roots: BTreeMap<String, u64>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LayerNumbers {
-    /// Tuples with this layer.
+    /// Number of tuples with this layer.
     pub(super) images: u64,
-    /// Tuples that state its error.
+    /// Number of tuples that state the error of this layer.
     pub(super) stated: u64,
     /// Stated RMS errors, linear.
     pub(super) error: SumAndMax,
@@ -111,7 +111,7 @@ impl Numbers {
     }
 }
 
-/// Named root of a side's file; empty without one.
+/// Returns the named root of a side's file, or an empty string without one.
 fn root_of(side: &Side) -> String {
     let root = side.name().split_once(':').map(|(root, _)| root);
     root.unwrap_or_default().to_owned()

@@ -1,6 +1,6 @@
-//! `croissant.json`: the export's description in ML Commons' Croissant 1.0.
+//! Writes `croissant.json`, the export's description in ML Commons' Croissant 1.0.
 //!
-//! Each layer has a record set, joined by `id`: mlcroissant joins at most two sources.
+//! Each layer has a record set, joined by `id`, because mlcroissant joins at most two sources.
 
 use super::digest::FileRecord;
 use super::finish::Summary;
@@ -22,8 +22,8 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
         record_sets.extend(records);
     }
     let description = format!(
-        "{} tuples of pictures behind glass and their exact parts, for single-image reflection removal. README.md says how they \
-         were made and whose terms apply.",
+        "{} tuples of pictures behind glass and their exact layers, for single-image reflection removal. README.md describes \
+         how they were made, and the terms that apply.",
         summary.numbers.tuples
     );
     let json = json!({
@@ -54,7 +54,7 @@ fn shards(summary: &Summary) -> Vec<Value> {
     summary.shards.iter().map(shard).collect()
 }
 
-/// Files in the tars, or in folders if there are no tars.
+/// Describes files in the tars, or in folders if the export has no tars.
 fn file_set(
     plan: &ExportPlan,
     summary: &Summary,
@@ -76,7 +76,7 @@ fn has_tars(plan: &ExportPlan) -> bool {
     plan.request.format == ExportFormat::Webdataset
 }
 
-/// File set and record set of the tuples' records.
+/// Describes the file set and the record set of the tuples' records.
 fn tuples(plan: &ExportPlan, summary: &Summary) -> [Value; 2] {
     if has_tars(plan) {
         let id = id_field("tuples", "tuple-files", r"^(?:.*/)?([^/.]+)\.json$");
@@ -92,7 +92,7 @@ fn tuples(plan: &ExportPlan, summary: &Summary) -> [Value; 2] {
     [files, record_set("tuples", about, &columns())]
 }
 
-/// File set of a layer's pictures, and their record set if they are PNGs: Croissant reads no OpenEXR.
+/// Describes the file set of a layer's pictures, and their record set if they are PNGs: Croissant reads no OpenEXR.
 fn pictures(plan: &ExportPlan, summary: &Summary, layer: &str) -> (Value, Option<Value>) {
     let is_png = plan.request.encoding != PixelEncoding::Linear;
     let (format, ending) = if is_png { ("image/png", "png") } else { ("image/x-exr", "exr") };
@@ -104,7 +104,7 @@ fn pictures(plan: &ExportPlan, summary: &Summary, layer: &str) -> (Value, Option
         let id = id_field(layer, &files, r"^(?:.*/)?([^/.]+)\.[^/]*$");
         let content = json!({ "fileProperty": "content" });
         let image = field(layer, "image", "sc:ImageObject", &files, &content);
-        record_set(layer, "The layer's pictures; id is that of tuples.", &[id, image])
+        record_set(layer, "Pictures of the layer; id is the tuple's id.", &[id, image])
     });
     (set, records)
 }
@@ -124,14 +124,14 @@ fn field(set: &str, name: &str, data_type: &str, files: &str, extract: &Value) -
     })
 }
 
-/// The scene's id, extracted from the file name.
+/// Describes the scene's id, which Croissant extracts from the file name.
 fn id_field(set: &str, files: &str, regex: &str) -> Value {
     let mut id = field(set, "id", "sc:Text", files, &json!({ "fileProperty": "filename" }));
     id["source"]["transform"] = json!({ "regex": regex });
     id
 }
 
-/// The columns of `metadata.jsonl` that all tuples share.
+/// Describes the columns of `metadata.jsonl` that all tuples share.
 fn columns() -> Vec<Value> {
     let columns = [
         ("id", "sc:Text"),
@@ -155,7 +155,7 @@ fn columns() -> Vec<Value> {
     columns.into_iter().map(field).collect()
 }
 
-/// Croissant's own context, word by word and in its order: mlcroissant warns of any other.
+/// Returns Croissant's own context, word by word and in its order; mlcroissant warns of any other context.
 fn context() -> Value {
     const KEYS: &str = "@language @vocab citeAs column conformsTo cr rai data dataType equivalentProperty \
         dct examples extract field fileProperty fileObject fileSet format includes \

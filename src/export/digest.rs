@@ -1,4 +1,4 @@
-//! SHA-256 as `sha256sum` and Croissant write it.
+//! SHA-256 digests of exported files, in the form of `sha256sum` and Croissant.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -25,7 +25,7 @@ impl FileRecord {
         }
     }
 
-    /// Its line in `SHA256SUMS`.
+    /// Formats the file's line in `SHA256SUMS`.
     pub(super) fn sum_line(&self) -> String {
         format!("{}  {}\n", self.sha256, self.path)
     }
@@ -50,7 +50,7 @@ impl<W: Write> Digesting<W> {
         Self { inner, sha256: Sha256::new(), bytes: 0 }
     }
 
-    /// The inner writer, and the record of the bytes.
+    /// Returns the inner writer and the record of the bytes.
     pub(super) fn finish(self, path: &str) -> (W, FileRecord) {
         let record = FileRecord {
             path: path.to_owned(),
@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn digests_are_sha256sums() {
+    fn digests_equal_those_of_sha256sum() {
         let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         let record = FileRecord::new("a/b.png", b"abc");
         assert_eq!(record.sum_line(), format!("{expected}  a/b.png\n"));

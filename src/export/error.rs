@@ -20,13 +20,13 @@ pub enum ExportError {
     Request(String),
     #[error(
         "{missing} of {scenes} scenes are not merged yet: finish the run with `glasshouse work RUN` first, or export \
-         what is there with --partial"
+         the finished scenes with --partial"
     )]
     Unfinished { missing: usize, scenes: usize },
-    #[error("there is nothing to export: {0}")]
+    #[error("cannot export anything: {0}")]
     Nothing(String),
     #[error(
-        "{file}: {reason}; `glasshouse audit` finds what else is damaged, `glasshouse retry` has it made anew"
+        "{file}: {reason}; `glasshouse audit` finds other damage, `glasshouse retry` makes workers render the scene again"
     )]
     Damaged {
         /// Key in the store.
@@ -41,7 +41,7 @@ pub enum ExportError {
     Busy { out: PathBuf },
 }
 
-/// For `map_err`: the read error of a file of the export.
+/// For `map_err`: converts the read error of a file of the export.
 pub(super) fn unreadable(path: &std::path::Path) -> impl FnOnce(io::Error) -> ExportError {
     let path = path.to_owned();
     move |source| ExportError::Read { path, source }

@@ -1,4 +1,4 @@
-//! The end of an export: metadata, card, Croissant description, and the digests of all files.
+//! Finishes an export: writes metadata, card, Croissant description, and the digests of all files.
 
 use super::card::card;
 use super::card_numbers::Numbers;

@@ -1,4 +1,4 @@
-//! The exported folder: its owner, its completed parts, and leftovers of killed processes.
+//! The exported folder: its owner, its complete parts, and leftovers of killed processes.
 
 use super::error::{ExportError, unreadable};
 use super::request::{ExportRequest, REQUEST_FILE};
@@ -7,9 +7,9 @@ use std::fs::{File, TryLockError};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-/// Records of completed parts; removed when the export is complete.
+/// Folder with the records of complete parts; removed when the export is complete.
 pub(super) const STATE_FOLDER: &str = ".export";
-/// Digests of all files; written last: its presence means that the export is complete.
+/// File with the digests of all files. It is written last, so its presence means that the export is complete.
 pub(super) const SUMS_FILE: &str = "SHA256SUMS";
 pub(super) const CARD_FILE: &str = "README.md";
 pub(super) const CROISSANT_FILE: &str = "croissant.json";
@@ -17,12 +17,12 @@ pub(super) const CROISSANT_FILE: &str = "croissant.json";
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FolderState {
     Empty,
-    /// A started export. Its scenes are those of this request.
+    /// A started export of this request's scenes.
     Begun(Box<ExportRequest>),
     Complete,
 }
 
-/// Probes a folder without writing; refuses one with other contents.
+/// Probes a folder without writing. Refuses a folder with other contents.
 pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportError> {
     let foreign = |reason: String| ExportError::Foreign { out: out.to_owned(), reason };
     if out.exists() && !out.is_dir() {
@@ -30,7 +30,7 @@ pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportEr
     }
     let names = names(out)?;
     if !names.iter().any(|name| name == REQUEST_FILE) {
-        // Leftovers of a process that was killed at its start.
+        // A process that was killed at its start leaves these files.
         let is_ours = |name: &String| name == STATE_FOLDER || is_temporary(Path::new(name));
         return match names.iter().find(|name| !is_ours(name)) {
             None => Ok(FolderState::Empty),
@@ -42,7 +42,7 @@ pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportEr
     let path = out.join(REQUEST_FILE);
     let text = std::fs::read(&path).map_err(unreadable(&path))?;
     let there: ExportRequest = serde_json::from_slice(&text)
-        .map_err(|e| foreign(format!("has an {REQUEST_FILE} that is damaged: {e}")))?;
+        .map_err(|e| foreign(format!("has a damaged {REQUEST_FILE}: {e}")))?;
     let diff = there.diff(request);
     if !diff.is_empty() {
         let diff = diff.join(", ");
@@ -50,15 +50,13 @@ pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportEr
     }
     if !names.iter().any(|name| name == SUMS_FILE) {
         if let Some(name) = names.iter().find(|name| !is_part(name, request)) {
-            return Err(foreign(format!(
-                "holds {name}, which is no part of the export that was begun there"
-            )));
+            return Err(foreign(format!("holds {name}, which is no part of the started export")));
         }
         return Ok(FolderState::Begun(Box::new(there)));
     }
     if there.left_out != request.left_out {
         return Err(foreign(format!(
-            "holds a complete export without {} scenes of the run; now {} would be left out",
+            "holds a complete export without {} scenes of the run; this export would leave out {}",
             there.left_out.len(),
             request.left_out.len()
         )));
@@ -69,7 +67,7 @@ pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportEr
     }
 }
 
-/// Sorted names in a folder; none if it does not exist.
+/// Lists the names in a folder, sorted; none if the folder does not exist.
 fn names(folder: &Path) -> Result<Vec<String>, ExportError> {
     let mut names = Vec::new();
     let entries = match std::fs::read_dir(folder) {
@@ -85,7 +83,7 @@ fn names(folder: &Path) -> Result<Vec<String>, ExportError> {
     Ok(names)
 }
 
-/// Whether a started export may contain the name.
+/// True if a started export may contain the name.
 fn is_part(name: &str, request: &ExportRequest) -> bool {
     let known = [STATE_FOLDER, REQUEST_FILE, CARD_FILE, CROISSANT_FILE];
     known.contains(&name)
@@ -97,13 +95,13 @@ fn is_part(name: &str, request: &ExportRequest) -> bool {
         })
 }
 
-/// `-000000.tar`
+/// True if `rest` has the form `-000000.tar`.
 fn is_shard(rest: &str) -> bool {
     let number = rest.strip_prefix('-').and_then(|r| r.strip_suffix(".tar"));
     number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }
 
-/// A missing file of `SHA256SUMS`.
+/// Returns a missing file of `SHA256SUMS`, if any.
 fn lost(out: &Path) -> Result<Option<String>, ExportError> {
     let path = out.join(SUMS_FILE);
     let sums = BufReader::new(File::open(&path).map_err(unreadable(&path))?);
@@ -117,14 +115,14 @@ fn lost(out: &Path) -> Result<Option<String>, ExportError> {
     Ok(None)
 }
 
-/// The folder, claimed for this process.
+/// The folder, locked for this process.
 pub(super) struct ExportFolder {
     root: PathBuf,
     _lock: File,
 }
 
 impl ExportFolder {
-    /// Claims the folder until the value is dropped, and removes leftovers of killed processes.
+    /// Locks the folder until the value is dropped, and removes leftovers of killed processes.
     pub(super) fn claim(root: &Path) -> Result<Self, ExportError> {
         let state = root.join(STATE_FOLDER);
         atomic_file::create_dir(&state)?;
@@ -138,7 +136,7 @@ impl ExportFolder {
             }
             Err(TryLockError::Error(source)) => return Err(unreadable(&path)(source)),
         }
-        // As deep as SPLIT/LAYER/.
+        // Two levels include SPLIT/LAYER/.
         atomic_file::sweep(root, 2, &is_temporary);
         Ok(Self { root: root.to_owned(), _lock: lock })
     }

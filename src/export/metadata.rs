@@ -1,14 +1,14 @@
-//! A line of imagefolder's `metadata.jsonl`: file names and parameters of a tuple as columns.
+//! Formats a line of imagefolder's `metadata.jsonl`: file names and parameters of a tuple as columns.
 
 use super::plan::ExportPlan;
 use super::sample::layer_file;
 use render::merge::TupleRecord;
 use serde_json::{Map, Value, json};
 
-/// The file, in each split's folder.
+/// Name of the file in each split's folder.
 pub(super) const METADATA_FILE: &str = "metadata.jsonl";
 
-/// The line of a tuple. Arrow requires the same keys and types in every line.
+/// Formats the line of a tuple. Arrow requires the same keys and types in every line.
 pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
     let (scene, request) = (&record.scene, &plan.request);
     let mut row = Map::new();
@@ -17,7 +17,7 @@ pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
     let asked = scene.film.layers.asked().0;
     for (layer, name) in plan.layers() {
         let file = layer_file(request.format, request.encoding, scene, layer);
-        // Relative to the metadata.
+        // Paths are relative to the metadata file.
         let file = file.split_once('/').map(|(_, rest)| rest.to_owned());
         put(format!("{name}_file_name"), json!(file.filter(|_| asked[layer])));
     }
@@ -29,7 +29,7 @@ pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
         ("samples_per_pixel", json!(scene.film.spp)),
         ("focal_length_mm", json!(scene.camera.focal_length_mm)),
         ("aperture_radius_m", json!(scene.camera.aperture_radius_m)),
-        // 0 is infinity: a column of numbers without gaps.
+        // 0 means infinity, so that the column has numbers without gaps.
         ("inverse_focus_distance_per_m", json!(focus.map_or(0.0, |z| 1.0 / z))),
         ("glass_distance_m", json!(glass.distance_m)),
         ("glass_thickness_m", json!(glass.thickness_m)),

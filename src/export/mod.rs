@@ -1,4 +1,4 @@
-//! A run's tuples as a data set in formats of common loaders.
+//! Exports a run's tuples as a data set in formats of common loaders.
 //!
 //! ```text
 //! request.rs   the request: export.json                plan.rs      selection and order of scenes
@@ -7,9 +7,9 @@
 //! finish.rs    metadata.rs, card.rs, croissant.rs, SHA256SUMS
 //! ```
 //!
-//! The bytes of an export depend on the run's manifest and the request, not on time, host, paths or threads. It is written
-//! part by part; after a kill the same command resumes after the last complete part and gives the same bytes. `SHA256SUMS`
-//! is written last. Memory holds two batches of tuples for a run of any size.
+//! The bytes of an export depend on the run's manifest and the request, not on time, host, paths or threads. An export
+//! is written part by part; after a kill, the same command resumes after the last complete part and makes the same
+//! bytes. `SHA256SUMS` is written last. Memory holds two batches of tuples for a run of any size.
 
 mod card;
 mod card_numbers;

@@ -1,4 +1,4 @@
-//! A part of an export: a shard, or the files of some tuples. A record marks a complete part, which is not made again.
+//! Parts of an export: a part is a shard, or the files of some tuples. A record marks a complete part.
 
 use super::card_numbers::Numbers;
 use super::digest::FileRecord;
@@ -13,10 +13,10 @@ use render::atomic_file;
 use render::line::Split;
 use serde::{Deserialize, Serialize};
 
-/// Tuples of a part without a shard.
+/// Number of tuples in a part without a shard.
 const TUPLES_A_PART: usize = 256;
 
-/// The record of a complete part.
+/// Record of a complete part.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PartRecord {
@@ -31,7 +31,7 @@ fn record_name(split: Split, number: usize) -> String {
 }
 
 impl PartRecord {
-    /// The record of part `number`, if it is complete. Its files must be unchanged.
+    /// Reads the record of part `number`, if the part is complete. Fails if a file of the part has another length.
     pub(super) fn read(
         folder: &ExportFolder,
         split: Split,
@@ -53,7 +53,7 @@ impl PartRecord {
                 Ok(bytes) if bytes == file.bytes => {}
                 Ok(bytes) => {
                     return Err(foreign(format!(
-                        "was changed: {} has {bytes} bytes, it was written with {}",
+                        "was changed: {} has {bytes} bytes, not {}",
                         file.path, file.bytes
                     )));
                 }
@@ -70,14 +70,14 @@ impl PartRecord {
     }
 }
 
-/// A sample. Its files are written already, unless they go into a shard.
+/// A sample whose files are already written, unless they go into a shard.
 pub(super) struct Prepared {
     pub(super) sample: Sample,
     /// Records of the written files.
     pub(super) written: Vec<FileRecord>,
 }
 
-/// The parts of a split, one after the other.
+/// Writer of a split's parts, one after the other.
 pub(super) struct Parts<'a> {
     plan: &'a ExportPlan,
     folder: &'a ExportFolder,
@@ -134,7 +134,7 @@ impl<'a> Parts<'a> {
         Ok(())
     }
 
-    /// Ends the open part, if any; on return it is durable.
+    /// Ends the open part, if any; on return the part is durable.
     pub(super) fn close(&mut self) -> Result<(), ExportError> {
         let Some((mut record, shard)) = self.open.take() else {
             return Ok(());

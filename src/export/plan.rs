@@ -1,4 +1,4 @@
-//! Selection and order of the exported scenes.
+//! Selects and orders the exported scenes.
 
 use super::error::ExportError;
 use super::request::{EXPORT_REQUEST_SCHEMA, ExportFormat, ExportRequest, PixelEncoding, check};
@@ -24,9 +24,9 @@ pub struct ExportOptions {
     pub format: ExportFormat,
     pub encoding: PixelEncoding,
     pub splits: BTreeSet<Split>,
-    /// Largest WebDataset shard, megabytes (1e6 bytes); a shard with a single tuple may be larger.
+    /// Maximum size of a WebDataset shard, megabytes (1e6 bytes); a shard with a single tuple may be larger.
     pub shard_mb: u32,
-    /// Leave scenes out that are not merged yet, too.
+    /// True to leave out scenes that are not merged yet.
     pub partial: bool,
 }
 
@@ -36,12 +36,12 @@ pub struct ExportPlan {
     pub request: ExportRequest,
     /// Indices in the manifest: split by split, in the order of file names.
     pub scenes: Vec<usize>,
-    /// Whether any scene has the layer, in the order of [`Layer::ALL`].
+    /// True for each layer that any scene has, in the order of [`Layer::ALL`].
     pub layers: [bool; 4],
 }
 
 impl ExportPlan {
-    /// Selects from the run's current tuples.
+    /// Selects scenes from the run's current tuples.
     pub fn new(run: &Run, store: &Store, options: &ExportOptions) -> Result<Self, ExportError> {
         check(options.format, options.encoding)?;
         let snapshot = Snapshot::take(run, store, Scope::DONE).map_err(AccessError::from)?;
@@ -55,7 +55,7 @@ impl ExportPlan {
             left_out.push(LeftOut { scene: run.lines[scene].id.clone(), reason });
         }
         if asked.is_empty() {
-            let reason = "the run was planned without scenes of that split; give another --split";
+            let reason = "the run has no scene of this split; give another --split";
             return Err(ExportError::Nothing(reason.to_owned()));
         }
         if missing > 0 && !options.partial {
@@ -80,7 +80,7 @@ impl ExportPlan {
         Ok(Self::of(run, request))
     }
 
-    /// The plan of an existing request.
+    /// Makes the plan of an existing request.
     pub(super) fn of(run: &Run, request: ExportRequest) -> Self {
         let out: BTreeSet<&SceneId> = request.left_out.iter().map(|l| &l.scene).collect();
         let splits = request.splits.iter().copied().collect();
@@ -94,25 +94,25 @@ impl ExportPlan {
         Self { request, scenes, layers }
     }
 
-    /// Indices and names of the layers.
+    /// Returns the indices and names of the layers.
     pub(super) fn layers(&self) -> impl Iterator<Item = (usize, &'static str)> {
         Layer::NAMES.into_iter().enumerate().filter(|(layer, _)| self.layers[*layer])
     }
 
-    /// Quarantined scenes and their reasons.
+    /// Returns the quarantined scenes and their reasons.
     pub fn quarantined(&self) -> impl Iterator<Item = (&SceneId, &str)> {
         let left_out = self.request.left_out.iter();
         left_out.filter_map(|l| Some((&l.scene, l.reason.as_deref()?)))
     }
 
-    /// Number of scenes that are not merged yet.
+    /// Counts the scenes that are not merged yet.
     pub fn missing(&self) -> usize {
         let left_out = self.request.left_out.iter();
         left_out.filter(|l| l.reason.is_none()).count()
     }
 }
 
-/// All scenes of some splits, in the order of file names: a dot follows the id, so `a-1.json` precedes `a.json`.
+/// Lists all scenes of some splits, in the order of file names: a dot follows the id, so `a-1.json` precedes `a.json`.
 fn scenes(run: &Run, splits: &BTreeSet<Split>) -> Vec<usize> {
     let mut scenes: Vec<usize> =
         (0..run.lines.len()).filter(|&scene| splits.contains(&run.lines[scene].split)).collect();
@@ -123,7 +123,7 @@ fn scenes(run: &Run, splits: &BTreeSet<Split>) -> Vec<usize> {
     scenes
 }
 
-/// A reason without this machine's folders: an export does not reveal where it was made.
+/// Removes this machine's folders from a reason, so that an export does not reveal them.
 fn without_places(run: &Run, reason: &str) -> String {
     let named = run.spec.roots.keys();
     let mut places: Vec<(String, String)> = named

@@ -1,4 +1,4 @@
-//! `export.json`: the request. It is written first and identifies the folder.
+//! The request, `export.json`. It is written first and identifies the folder.
 
 use super::error::ExportError;
 use super::plan::LeftOut;
@@ -6,13 +6,13 @@ use render::line::Split;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Schema of `export.json`. Raised whenever the bytes of an export change.
+/// Schema name of `export.json`; its version is raised whenever the bytes of an export change.
 pub const EXPORT_REQUEST_SCHEMA: &str = "glasshouse.export_request/1";
 
-/// Its file in the exported folder.
+/// Name of the request's file in the exported folder.
 pub(super) const REQUEST_FILE: &str = "export.json";
 
-/// The reader of the folder.
+/// Format of the folder, which determines its readers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExportFormat {
@@ -22,7 +22,7 @@ pub enum ExportFormat {
     Imagefolder,
     /// Folders of published sets: `SPLIT/blended/ID.png`, ...
     Pairs,
-    /// A multi-part OpenEXR file a tuple: `SPLIT/ID.exr`.
+    /// A multi-part OpenEXR file for each tuple: `SPLIT/ID.exr`.
     Exr,
 }
 
@@ -49,12 +49,12 @@ pub struct ExportRequest {
     pub tracer_version: u32,
     pub format: ExportFormat,
     pub encoding: PixelEncoding,
-    /// Splits, in their order.
+    /// Exported splits, in the order of [`Split`].
     pub splits: Vec<Split>,
-    /// WebDataset only: largest shard, megabytes (1e6 bytes).
+    /// Maximum size of a shard, megabytes (1e6 bytes); only for WebDataset.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shard_mb: Option<u32>,
-    /// Scenes of the splits that are not exported.
+    /// Scenes of the splits that the export leaves out.
     pub left_out: Vec<LeftOut>,
 }
 
@@ -65,7 +65,7 @@ impl ExportRequest {
         json
     }
 
-    /// Differences between `self` (in the folder) and `new`, in words; left-out scenes are not compared.
+    /// Describes the differences between `self` (in the folder) and `new`. Ignores scenes that are left out.
     pub(super) fn diff(&self, new: &Self) -> Vec<String> {
         let mut rows = Vec::new();
         let mut row = |what: &str, old: &dyn fmt::Display, new: &dyn fmt::Display| {
@@ -91,7 +91,7 @@ impl ExportRequest {
 pub(super) fn check(format: ExportFormat, encoding: PixelEncoding) -> Result<(), ExportError> {
     let reason = match (format, encoding) {
         (ExportFormat::Imagefolder, PixelEncoding::Linear) => {
-            "imagefolder has no linear encoding, as `datasets` reads no OpenEXR: use --format webdataset, pairs or exr"
+            "imagefolder has no linear encoding, because `datasets` reads no OpenEXR: use --format webdataset, pairs or exr"
         }
         (ExportFormat::Exr, PixelEncoding::Srgb8 | PixelEncoding::Srgb16) => {
             "OpenEXR files hold linear light: leave --encoding out, or use --format webdataset, imagefolder or pairs"

@@ -1,4 +1,4 @@
-//! A tuple as the files of an export: names and bytes.
+//! Converts a tuple to the files of an export: names and bytes.
 
 use super::error::ExportError;
 use super::plan::ExportPlan;
@@ -15,17 +15,17 @@ use render::merge::{
 use std::collections::BTreeMap;
 
 pub(super) struct Sample {
-    /// Its files, sorted by name: paths in the exported folder, or members of a tar.
+    /// Files, sorted by name: paths in the exported folder, or members of a tar.
     pub(super) files: Vec<(String, Bytes)>,
-    /// Its `tuple.json`.
+    /// Content of `tuple.json`.
     pub(super) record: TupleRecord,
 }
 
-/// Folders of published sets of pairs, by layer.
+/// Folder names of published sets of pairs, by layer.
 const PAIR_FOLDERS: [&str; 4] =
     ["blended", "transmission_layer", "reflection_layer", "clean_reflection_layer"];
 
-/// Path of a layer in an export; for [`ExportFormat::Exr`] the file of all layers.
+/// Returns the path of a layer in an export; for [`ExportFormat::Exr`], of the file with all layers.
 pub(super) fn layer_file(
     format: ExportFormat,
     encoding: PixelEncoding,
@@ -45,7 +45,7 @@ pub(super) fn layer_file(
     }
 }
 
-/// Folders of a split, relative to the exported folder; none for tars.
+/// Lists the folders of a split, relative to the exported folder; none for tars.
 pub(super) fn layer_folders(plan: &ExportPlan, split: Split) -> Vec<String> {
     let layers = plan.layers();
     match plan.request.format {
@@ -68,7 +68,7 @@ pub(super) fn sample(
     let mut tuple = read(store, line, encoding)?;
     let json = tuple.take(line, "tuple.json")?;
     if !is_record_of(&json, line) {
-        return Err(damaged(line, "tuple.json", &"it is of another plan or version"));
+        return Err(damaged(line, "tuple.json", &"it belongs to another plan or version"));
     }
     let record: TupleRecord =
         serde_json::from_slice(&json).map_err(|e| damaged(line, "tuple.json", &e))?;
@@ -92,11 +92,11 @@ struct TupleBytes(BTreeMap<String, Option<Bytes>>);
 impl TupleBytes {
     fn take(&mut self, line: &SceneLine, name: &str) -> Result<Bytes, ExportError> {
         let bytes = self.0.get_mut(name).and_then(Option::take);
-        bytes.ok_or_else(|| damaged(line, name, &"it is gone, though the scene was merged"))
+        bytes.ok_or_else(|| damaged(line, name, &"it is missing, although the scene was merged"))
     }
 }
 
-/// The record and the source files of the encoding.
+/// Reads the record and the files that the encoding needs.
 fn read(
     store: &Store,
     line: &SceneLine,
@@ -138,7 +138,7 @@ fn encoded(
 ) -> Result<Vec<(String, Bytes)>, ExportError> {
     let layers = decode_tuple_exr(exr, record).map_err(|e| damaged(line, "tuple.exr", &e))?;
     let (width, height) = (line.film.width, line.film.height);
-    // Only layers of half floats have this digest.
+    // Only layers with half floats have this digest.
     let is_half = record.layers.values().all(|l| l.exr_blake3.is_some());
     let precision = if is_half { ExrPrecision::Half } else { ExrPrecision::Float };
     let failed = |name: &str, reason: &dyn std::fmt::Display| ExportError::Encode {
@@ -168,7 +168,7 @@ fn encoded(
     Ok(files)
 }
 
-/// Indices and names of a scene's layers.
+/// Returns the indices and names of a scene's layers.
 fn made(line: &SceneLine) -> impl Iterator<Item = (usize, &'static str)> {
     let asked = line.film.layers.asked().0;
     Layer::NAMES.into_iter().enumerate().filter(move |(layer, _)| asked[*layer])

@@ -1,4 +1,4 @@
-//! A WebDataset shard: a tar whose bytes depend on its members alone.
+//! Writes a WebDataset shard: a tar whose bytes depend on its members alone.
 
 use super::digest::{Digesting, FileRecord};
 use super::error::ExportError;
@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use tar::{Builder, EntryType, Header};
 
 const BLOCK: u64 = 512;
-/// Two empty blocks end a tar.
+/// Length of the two empty blocks that end a tar.
 const END: u64 = 2 * BLOCK;
-/// Longer names need an entry of their own.
+/// Length above which a name needs an entry of its own.
 const SHORT_NAME: usize = 100;
 
 pub(super) struct Shard {
@@ -49,13 +49,13 @@ impl Shard {
         Ok(())
     }
 
-    /// Ends it; on return it is durable.
+    /// Ends the shard; on return it is durable.
     pub(super) fn finish(self) -> Result<FileRecord, ExportError> {
         let path = self.path;
         let failed = |source| WriteError { path: path.clone(), source };
         let (file, record) = self.tar.into_inner().map_err(failed)?.finish(&self.name);
         file.finish()?;
-        debug_assert_eq!(record.bytes, self.bytes, "the size of a tar is foreseen");
+        debug_assert_eq!(record.bytes, self.bytes, "a tar has the predicted size");
         Ok(record)
     }
 
@@ -64,7 +64,7 @@ impl Shard {
     }
 }
 
-/// Size of members in a tar.
+/// Computes the size of members in a tar.
 fn tar_bytes(files: &[(String, Bytes)]) -> u64 {
     let blocks = |bytes: usize| (bytes as u64).div_ceil(BLOCK) * BLOCK;
     let of = |(name, bytes): &(String, Bytes)| {

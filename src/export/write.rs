@@ -20,15 +20,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Number of tuples per thread in a batch.
 const BATCH: usize = 8;
-/// Largest number of pixels in a batch, because two batches are in memory. A larger tuple has a batch of its own.
+/// Maximum number of pixels in a batch, because memory holds two batches. A larger tuple has a batch of its own.
 const BATCH_PIXELS: u64 = 1 << 23;
-/// Tuples encoded to estimate the size of an export.
+/// Number of tuples that are encoded to estimate the size of an export.
 const TRIALS: usize = 8;
 
-/// Result of an export. It has the keys of `glasshouse.export/1`.
+/// Result of an export, with the keys of `glasshouse.export/1`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Exported {
-    /// Tuples by split, including those of earlier calls.
+    /// Number of tuples by split, including those of earlier calls.
     pub tuples: BTreeMap<Split, u64>,
     /// Number of tuples that earlier calls wrote.
     #[serde(rename = "tuples_resumed")]
@@ -42,12 +42,12 @@ pub struct Exported {
     pub stopped: bool,
 }
 
-/// Threads and callbacks; they do not change the bytes of the export.
+/// Threads and callbacks of an export; they do not change its bytes.
 pub struct ExportWork<'a> {
     pub threads: usize,
-    /// Ends the export after the current batch.
+    /// Flag that ends the export after the current batch.
     pub stop: &'a AtomicBool,
-    /// Receives numbers of finished tuples, and whether an earlier call wrote them.
+    /// Callback with a number of finished tuples, and true if an earlier call wrote them.
     pub on_tuples: &'a (dyn Fn(u64, bool) + Sync),
 }
 
@@ -107,7 +107,7 @@ pub fn export(
     Ok((plan, exported))
 }
 
-/// The result for an export that is already complete.
+/// Returns the result for an export that is already complete.
 fn nothing_to_do(run: &Run, plan: ExportPlan) -> (ExportPlan, Exported) {
     let mut exported = Exported { already_complete: true, ..Exported::default() };
     for &scene in &plan.scenes {
@@ -116,8 +116,13 @@ fn nothing_to_do(run: &Run, plan: ExportPlan) -> (ExportPlan, Exported) {
     (plan, exported)
 }
 
+<<<<<<< HEAD
 /// Estimates the size of an export from some encoded tuples, bytes.
 pub fn estimate_bytes(run: &Run, store: &Store, plan: &ExportPlan) -> Result<u64, ExportError> {
+=======
+/// Estimates the size of an export, bytes, from some encoded tuples.
+pub fn foretell_bytes(run: &Run, store: &Store, plan: &ExportPlan) -> Result<u64, ExportError> {
+>>>>>>> h/wreport
     let count = plan.scenes.len();
     let trials = count.min(TRIALS);
     let mut bytes = 0;
@@ -158,7 +163,7 @@ impl SplitWriter<'_> {
         let mut written = 0;
         let mut batches = batches(rest, self.work.threads * BATCH);
         let mut ready: Vec<Prepared> = Vec::new();
-        // Writes a batch while the next one is prepared.
+        // One task writes a batch while the other prepares the next batch.
         loop {
             let is_stopped = self.work.stop.load(Ordering::Relaxed);
             let batch = if is_stopped { None } else { batches.next() };
@@ -195,7 +200,7 @@ impl SplitWriter<'_> {
         let mut written = Vec::new();
         if request.format != ExportFormat::Webdataset {
             for (name, bytes) in sample.files.drain(..) {
-                // Relaxed, because the export syncs files once per part.
+                // A relaxed write suffices, because the export syncs files once per part.
                 atomic_file::write_relaxed(&self.folder.path(&name), &bytes)?;
                 written.push(FileRecord::new(&name, &bytes));
             }
@@ -204,7 +209,7 @@ impl SplitWriter<'_> {
     }
 }
 
-/// Lines in batches that fit into memory.
+/// Splits lines into batches that fit into memory.
 fn batches<'a, 'b>(
     lines: &'a [&'b SceneLine],
     most: usize,

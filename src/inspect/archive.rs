@@ -1,4 +1,4 @@
-//! Tar archives in the WebDataset convention: members with equal names up to the first dot are a sample.
+//! Inspects tar archives in the WebDataset convention: members with equal names up to the first dot form a sample.
 
 use super::facts::{Inspection, Problem, first_of};
 use super::kind::Kind;
@@ -9,7 +9,7 @@ use std::io::{self, Read};
 
 /// Remedy for a damaged shard.
 const EXPORT: &str = "`glasshouse export RUN --format webdataset` makes it again";
-/// Longest record of a sample to read.
+/// Maximum length of a sample's record, bytes.
 const MAX_RECORD_BYTES: u64 = 1 << 24;
 const SHOWN: usize = 3;
 
@@ -19,7 +19,7 @@ pub(super) fn read(bytes: impl Read, length: u64) -> Inspection {
     found.bytes = Some(length);
     let mut samples = Samples::default();
     if let Err(error) = members(bytes, &mut samples) {
-        let what = format!("it is truncated, or not a tar archive from there on: {error}");
+        let what = format!("it is truncated, or the rest is no tar archive: {error}");
         let place = format!("after {}", many(samples.members, "member"));
         found.wrong(Problem::new(what, EXPORT).at(place));
     }
@@ -97,7 +97,7 @@ impl Samples {
 }
 
 impl Sample {
-    /// Layers of its record without a picture; without a record, endings that other samples have.
+    /// Lists the layers of the record that have no picture; without a record, the endings that other samples have.
     fn missing<'a>(&'a self, all: &BTreeSet<&'a String>) -> Vec<&'a str> {
         let has = |layer: &str| self.endings.iter().any(|e| e.starts_with(&format!("{layer}.")));
         if let Some(layers) = &self.layers {

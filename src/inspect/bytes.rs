@@ -7,7 +7,7 @@ use super::{archive, checkpoint, lists, manifest, partial, picture, record, tupl
 use render::layer::Layer;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Number of bytes that decide the kind.
+/// Number of first bytes that decide the kind.
 pub(super) const HEAD_BYTES: usize = 1 << 16;
 
 /// Inspects a file. Never panics.
@@ -22,7 +22,7 @@ pub fn inspect_bytes(input: &Input) -> Inspection {
     // Decoders of other crates may panic on hostile bytes.
     let mut found = catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
         let mut found = Inspection::new(kind);
-        found.wrong(Problem::new("its reader panicked: the bytes make no sense", AGAIN));
+        found.wrong(Problem::new("its reader panicked on invalid bytes", AGAIN));
         found
     });
     found.bytes = Some(input.bytes.len() as u64);
@@ -55,7 +55,7 @@ fn read(kind: Kind, input: &Input) -> Inspection {
     }
 }
 
-/// An OpenEXR file: a partial has the attribute `glasshouse`, a tuple has layers.
+/// Inspects an OpenEXR file: a partial has the attribute `glasshouse`, a tuple has layers.
 fn image(input: &Input) -> Inspection {
     match super::exr::head(input.bytes) {
         Err(reason) => {
@@ -73,7 +73,7 @@ fn image(input: &Input) -> Inspection {
     }
 }
 
-/// Reports a file that its bytes do not identify; its name may tell the expected kind.
+/// Reports a file whose bytes identify no kind; `kind` is the kind by its name.
 fn unknown(input: &Input, kind: Kind) -> Inspection {
     let mut found = Inspection::new(kind);
     let start = beginning(input.bytes);
@@ -84,18 +84,18 @@ fn unknown(input: &Input, kind: Kind) -> Inspection {
             return found;
         }
         _ if input.name.starts_with(".tmp-") => Problem::new(
-            "it is being written, or was left by a process that was killed",
-            "delete it if no process works here",
+            "a process is writing it, or left it when it was killed",
+            "delete it if no process works in the folder",
         ),
         _ if is_empty => Problem::new("it is empty: 0 bytes", AGAIN),
         Kind::Unknown => Problem::new(
-            format!("this program neither writes nor reads a file that begins like this: {start}"),
+            format!("this program neither writes nor reads files that start with {start}"),
             "give a file of a run, of `render`, `train`, `evaluate` or `export`, a recipe, an input file, or a run's folder",
         ),
         _ => {
             let expected = schema_of(kind).map_or_else(
-                || "it does not begin like one".to_owned(),
-                |schema| format!("it does not begin with the schema {schema:?}"),
+                || "its first bytes differ".to_owned(),
+                |schema| format!("its first bytes lack the schema {schema:?}"),
             );
             let words = kind.words();
             Problem::new(format!("its name is that of a {words}, but {expected}: {start}"), AGAIN)
@@ -105,7 +105,7 @@ fn unknown(input: &Input, kind: Kind) -> Inspection {
     found
 }
 
-/// The first bytes, as text if possible, else in hexadecimal.
+/// Formats the first bytes, as text if possible, otherwise in hexadecimal.
 fn beginning(bytes: &[u8]) -> String {
     let start = &bytes[..bytes.len().min(16)];
     if start.is_empty() {
@@ -124,8 +124,7 @@ fn beginning(bytes: &[u8]) -> String {
 mod tests {
     use super::*;
 
-    /// Truncated and changed bytes of any kind never make a reader panic, or report a file as intact and damaged at
-    /// once.
+    /// Truncated and changed bytes of any kind never make a reader panic, and a file is damaged if it has a problem.
     #[test]
     fn hostile_bytes_become_problems() {
         let beginnings: &[&[u8]] = &[

@@ -1,5 +1,5 @@
-//! State and tensors of a checkpoint, compared with each other. Tensors are listed only if the program was built with
-//! the trainer.
+//! Inspects state and tensors of a checkpoint, and compares them with each other. Lists tensors only if the program was
+//! built with the trainer.
 
 use super::digests::{CheckpointDigests, Digested, hold_file, hold_record};
 use super::facts::Inspection;

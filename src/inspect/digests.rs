@@ -1,4 +1,4 @@
-//! Records with digests of the files beside them: record and file are compared with each other.
+//! Compares records with the files beside them whose digests they have.
 
 use super::facts::{Inspection, Problem};
 use super::input::Input;
@@ -9,17 +9,17 @@ use std::collections::BTreeMap;
 
 /// A record with digests of files beside it.
 pub(super) trait Digested: DeserializeOwned {
-    /// Its name in its folder.
+    /// Name of the record in its folder.
     const NAME: &'static str;
     /// Remedy for a wrong digest.
     const TO_DO: &'static str;
-    /// Whether a missing file is damage.
+    /// True if a missing file is damage.
     const NEEDS_FILES: bool;
 
-    /// The files with a digest in it.
+    /// Lists the files with a digest in the record.
     fn files(&self) -> Vec<&str>;
 
-    /// Compares the bytes of one of them with its digest.
+    /// Compares the bytes of a file with its digest.
     fn compare(&self, name: &str, bytes: &[u8]) -> Result<(), String>;
 }
 
@@ -29,7 +29,7 @@ pub(super) fn hold_file<D: Digested>(found: &mut Inspection, input: &Input) {
     let record = record.filter(|record| record.files().contains(&input.name));
     let Some(record) = record else {
         found.may_be_whole(format!(
-            "all of it can be read; no {} beside it has its digest",
+            "its whole content can be read; no {} beside it has its digest",
             D::NAME
         ));
         return;
@@ -40,7 +40,7 @@ pub(super) fn hold_file<D: Digested>(found: &mut Inspection, input: &Input) {
     }
 }
 
-/// Compares the files beside a record with it.
+/// Compares the files beside a record with the record.
 pub(super) fn hold_record<D: Digested>(found: &mut Inspection, input: &Input, record: &D) {
     let mut compared = Vec::new();
     for name in record.files() {
@@ -59,9 +59,9 @@ pub(super) fn hold_record<D: Digested>(found: &mut Inspection, input: &Input, re
         }
     }
     found.may_be_whole(match compared.as_slice() {
-        [] => format!("{}, for which it has a digest, is missing", record.files().join(", ")),
+        [] => format!("{} is missing, so no digest can be compared", record.files().join(", ")),
         fitting => {
-            format!("its digests fit {} beside it; it has no own digest", fitting.join(" and "))
+            format!("its digests fit {} beside it; it has no digest itself", fitting.join(" and "))
         }
     });
 }
@@ -70,7 +70,7 @@ fn same(digest: &str, expected: &str, record: &str) -> Result<(), String> {
     if digest == expected {
         Ok(())
     } else {
-        Err(format!("it was changed: it does not have the digest in {record}"))
+        Err(format!("it was changed: its digest differs from {record}"))
     }
 }
 

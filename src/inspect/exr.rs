@@ -1,4 +1,4 @@
-//! OpenEXR files: the header of any, and images without layers.
+//! Inspects OpenEXR files: the header of any file, and images without layers.
 
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
@@ -13,22 +13,22 @@ use std::fmt::Write;
 use std::io::Cursor;
 
 const MAX_CHANNELS: usize = 256;
-/// Deflate expands at most 1,032 times; a header that claims more is wrong.
+/// Largest ratio of pixel bytes to file bytes that a header may claim. Deflate expands at most 1,032 times.
 const MOST_INFLATED: u64 = 1100;
 
 /// The header of the first layer.
 pub(super) struct Head {
     pub(super) width: usize,
     pub(super) height: usize,
-    /// Names and types.
+    /// Names and types of the channels.
     pub(super) channels: Vec<(String, &'static str)>,
     pub(super) compression: String,
-    /// The text attribute of a partial.
+    /// Text attribute of a partial.
     pub(super) attribute: Option<String>,
 }
 
 impl Head {
-    /// `half`, `float`, or both.
+    /// Lists the types of the channels: `half`, `float`, or both.
     pub(super) fn precision(&self) -> String {
         let mut types: Vec<&str> = self.channels.iter().map(|(_, kind)| *kind).collect();
         types.sort_unstable();
@@ -36,7 +36,7 @@ impl Head {
         types.join(" and ")
     }
 
-    /// Whether there are channels `NAME.R`, ... of a layer.
+    /// True if the image has channels `NAME.R`, ... of a layer.
     pub(super) fn has_layer(&self, layer: &str) -> bool {
         self.channels.iter().any(|(name, _)| is_of(name, layer))
     }
@@ -122,7 +122,7 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
     found
 }
 
-/// Size, precision and compression.
+/// Adds size, precision and compression.
 pub(super) fn say_size(found: &mut Inspection, head: &Head) {
     let (width, height) = (head.width, head.height);
     let text = format!("{width} x {height} px, {}, {}", head.precision(), head.compression);

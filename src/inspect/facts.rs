@@ -1,4 +1,4 @@
-//! Findings of a reader: lines for people, values for programs, and problems.
+//! Findings of a reader: rows for people, values for programs, and problems.
 
 use super::kind::Kind;
 use crate::text::{cut, many};
@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
-/// Characters of a text, and entries of a list, to show.
+/// Maximum length of a text, in characters, and maximum number of entries of a list.
 const TEXT_SHOWN: usize = 1000;
 const LIST_SHOWN: usize = 8;
 
@@ -14,14 +14,14 @@ const LIST_SHOWN: usize = 8;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
     pub what: String,
-    /// Line, byte, member or tensor, if known.
+    /// Location (line, byte, member or tensor), if known.
     #[serde(rename = "where")]
     pub place: Option<String>,
     pub to_do: String,
 }
 
 impl Problem {
-    /// Damage of the file as a whole.
+    /// Creates a problem of the file as a whole.
     pub fn new(what: impl Into<String>, to_do: impl Into<String>) -> Self {
         Self { what: what.into(), place: None, to_do: to_do.into() }
     }
@@ -33,14 +33,14 @@ impl Problem {
     }
 }
 
-/// Whether a file is intact.
+/// Result of the question whether a file is intact.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Whole {
-    /// Yes, with the evidence.
+    /// The file is intact, with the evidence.
     Yes(String),
-    /// No damage was found, with the reason why intactness cannot be proved.
+    /// The reader found no damage, with the reason why it cannot prove that the file is intact.
     Unknown(String),
-    /// No: there are problems.
+    /// The file has problems.
     No,
 }
 
@@ -100,33 +100,33 @@ impl Inspection {
         }
     }
 
-    /// Adds a problem: the file is not intact.
+    /// Adds a problem and marks the file as damaged.
     pub(super) fn wrong(&mut self, problem: Problem) {
         self.whole = Whole::No;
         self.problems.push(problem);
     }
 
-    /// Marks it as intact, unless it has problems.
+    /// Marks the file as intact, unless it has problems.
     pub(super) fn is_whole(&mut self, how: impl Into<String>) {
         if self.is_sound() {
             self.whole = Whole::Yes(how.into());
         }
     }
 
-    /// Marks its intactness as unknown, unless it has problems.
+    /// Marks the file's intactness as unknown, unless it has problems.
     pub(super) fn may_be_whole(&mut self, why: impl Into<String>) {
         if self.is_sound() {
             self.whole = Whole::Unknown(why.into());
         }
     }
 
-    /// No problem was found.
+    /// True if the reader found no problem.
     pub fn is_sound(&self) -> bool {
         self.problems.is_empty()
     }
 }
 
-/// The first names of a list, and the number of others.
+/// Lists the first names, and the number of the others.
 pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
     let mut text = names.iter().take(shown).map(AsRef::as_ref).collect::<Vec<_>>().join(", ");
     if names.len() > shown {
@@ -135,7 +135,7 @@ pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
     text
 }
 
-/// A value on one line: of an object the keys, of a list of objects the length.
+/// Formats a value on one line; an object as its keys, a list of objects as its length.
 pub(super) fn text_of(value: &Value) -> String {
     match value {
         Value::Null => "none".to_owned(),

@@ -1,4 +1,4 @@
-//! Inspects the file at a path.
+//! Inspects a file by its path.
 
 use super::archive;
 use super::bytes::{HEAD_BYTES, inspect_bytes};
@@ -9,10 +9,10 @@ use std::fs::File;
 use std::io::{self, Read, Seek};
 use std::path::Path;
 
-/// Longest file to read as a whole; archives are read as a stream.
+/// Maximum length of a file that is read as a whole, bytes. Archives are read as streams.
 const MAX_WHOLE_BYTES: u64 = 1 << 32;
 
-/// Inspects a file. Every error, a missing file too, becomes a problem of the inspection.
+/// Inspects a file. Every error, even of a missing file, becomes a problem of the inspection.
 pub(super) fn inspect_file(path: &Path) -> Inspection {
     read(path).unwrap_or_else(|error| {
         let mut found = Inspection::new(Kind::Unknown);
@@ -46,16 +46,15 @@ fn read(path: &Path) -> io::Result<Inspection> {
     if length > MAX_WHOLE_BYTES {
         let mut found = Inspection::new(kind_of(&name, &bytes).unwrap_or(Kind::Unknown));
         found.bytes = Some(length);
-        let what =
-            format!("it has {length} bytes; files above {MAX_WHOLE_BYTES} bytes are not read");
-        found.wrong(Problem::new(what, "only archives of this program are longer"));
+        let what = format!("it has {length} bytes, more than the limit of {MAX_WHOLE_BYTES} bytes");
+        found.wrong(Problem::new(what, "give another file; only archives may be longer"));
         return Ok(found);
     }
     file.take(MAX_WHOLE_BYTES).read_to_end(&mut bytes)?;
     Ok(inspect_bytes(&Input { name: &name, bytes: &bytes, beside: &beside }))
 }
 
-/// Reads a file below the folder of `path`, never one above it.
+/// Reads a file in or below the folder of `path`, but none above it.
 fn file_beside(path: &Path, name: &str) -> Option<Vec<u8>> {
     let is_plain = |part: std::path::Component| matches!(part, std::path::Component::Normal(_));
     if !Path::new(name).components().all(is_plain) {

@@ -1,4 +1,4 @@
-//! Folders: a run, a tuple, a checkpoint, the training of a stage.
+//! Inspects folders: a run, a tuple, a checkpoint, the training of a stage.
 
 use super::digests::{CheckpointDigests, Digested};
 use super::facts::{Inspection, Problem, Whole};
@@ -12,7 +12,7 @@ use render::line::Roots;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Inspects a file or folder. Every error, a missing file too, becomes a problem of the inspection.
+/// Inspects a file or folder. Every error, even of a missing file, becomes a problem of the inspection.
 pub fn inspect_path(path: &Path) -> Inspection {
     if path.is_dir() { read(path) } else { inspect_file(path) }
 }
@@ -43,11 +43,11 @@ fn read(folder: &Path) -> Inspection {
     found
 }
 
-/// Inspects a folder by its last file.
+/// Inspects a folder by the file that is written last.
 fn of_file(folder: &Path, name: &str, kind: Kind, to_do: &str) -> Inspection {
     if !folder.join(name).is_file() {
         let mut found = Inspection::new(kind);
-        let what = format!("{name} is missing: it is written last");
+        let what = format!("{name}, which is written last, is missing");
         found.wrong(Problem::new(what, to_do));
         return found;
     }
@@ -84,7 +84,7 @@ fn add_problems(found: &mut Inspection, part: Inspection, place: &str) {
     }
 }
 
-/// Names and folders of checkpoints, in the order of their steps.
+/// Lists names and folders of checkpoints, in the order of their steps.
 fn checkpoints(folder: &Path) -> Vec<(String, PathBuf)> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let named =
@@ -126,7 +126,7 @@ fn run(folder: &Path) -> Inspection {
     let run = match Run::open(folder, &Roots::default()) {
         Ok(run) => run,
         Err(error) => {
-            // The text ends with the remedy.
+            // The error's text ends with the remedy.
             let text = error.to_string();
             let parts = text.rsplit_once("; ");
             let (what, to_do) = parts.unwrap_or((&text, "plan again into a new folder"));
@@ -159,7 +159,7 @@ fn say_status(found: &mut Inspection, run: &Run, status: &Counts) {
     let facts = &mut found.facts;
     facts.value("name", run.spec.name.as_str());
     let text = format!(
-        "{}: {} done, {} begun, {} waiting, {} in quarantine",
+        "{}: {} done, {} started, {} waiting, {} in quarantine",
         status.scenes,
         status.merged,
         status.started,
@@ -186,7 +186,7 @@ fn say_training(found: &mut Inspection, folder: &Path) {
     found.facts.put("training", stages);
 }
 
-/// Whether the run is paused or cancelled.
+/// Adds the state of a paused or cancelled run.
 fn say_control(found: &mut Inspection, folder: &Path) {
     let resume = format!("`glasshouse resume {}`", folder.display());
     let bytes = std::fs::read(folder.join(keys::CONTROL)).ok();
@@ -194,11 +194,11 @@ fn say_control(found: &mut Inspection, folder: &Path) {
         Some(Ok(control)) if control.state != ControlState::Running => {
             let text = format!("{}{}", control.state.name(), control.because());
             found.facts.fact("held", text, control.state.name());
-            found.next.push(format!("{resume} continues it"));
+            found.next.push(format!("{resume} continues the run"));
         }
         Some(Err(reason)) => {
             let what = format!("control.json is damaged ({reason}), which pauses the run");
-            found.wrong(Problem::new(what, format!("{resume} removes it")));
+            found.wrong(Problem::new(what, format!("{resume} removes the file")));
         }
         _ => {}
     }
@@ -211,13 +211,13 @@ fn advise(found: &mut Inspection, status: &Counts, folder: &Path, has_report: bo
     }
     if let Some(scene) = status.quarantined.first() {
         next.push(format!(
-            "`glasshouse explain {shown} {}` shows the error; `glasshouse retry {shown} --all` tries again",
+            "`glasshouse explain {shown} {}` shows the error; `glasshouse retry {shown} --all` makes workers try again",
             scene.scene
         ));
     }
     if status.is_finished() && !has_report {
         next.push(format!("`glasshouse report {shown}` writes the report"));
     } else if status.is_finished() && next.is_empty() {
-        next.push("nothing is left to do".to_owned());
+        next.push("none: the run is finished and has a report".to_owned());
     }
 }

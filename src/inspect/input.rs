@@ -1,20 +1,20 @@
-//! The input of a reader.
+//! Input of a reader.
 
 use super::facts::{Inspection, Problem};
 
 /// Remedy for a file that can be copied or made again.
-pub(super) const AGAIN: &str = "copy it again from its origin, or make it again";
+pub(super) const AGAIN: &str = "copy it from its origin again, or make it again";
 
 /// A file's bytes, its name, and the files beside it.
 pub struct Input<'a> {
     pub name: &'a str,
     pub bytes: &'a [u8],
-    /// Reads a file in the same folder, if possible.
+    /// Function that reads a file in the same folder, if possible.
     pub beside: &'a dyn Fn(&str) -> Option<Vec<u8>>,
 }
 
 impl Input<'_> {
-    /// The file as text; bytes that are not UTF-8 become a problem of `found`.
+    /// Returns the file as text. Bytes that are not UTF-8 become a problem of `found`.
     pub(super) fn text(&self, found: &mut Inspection) -> Option<&str> {
         let text = std::str::from_utf8(self.bytes);
         if let Err(error) = text {

@@ -9,12 +9,12 @@ macro_rules! kinds {
         }
 
         impl Kind {
-            /// Its name in JSON.
+            /// Returns the kind's name in JSON.
             pub fn name(self) -> &'static str {
                 match self { $(Self::$kind => $name,)* }
             }
 
-            /// Its name for people.
+            /// Returns the kind's name for people.
             pub fn words(self) -> &'static str {
                 match self { $(Self::$kind => $words,)* }
             }
@@ -33,7 +33,7 @@ kinds! {
     Recipe "recipe" "recipe"
     DepthRanges "depth_ranges" "table of depth ranges by category"
     PhotographList "photograph_list" "list of photographs"
-    Rejected "rejected" "list of scenes that were drawn and rejected"
+    Rejected "rejected" "list of rejected draws"
     Quarantine "quarantine" "quarantine record: the error of a scene that cannot be made"
     Attempt "attempt" "record of an attempt at some shards"
     Control "control" "control.json, which pauses or cancels a run"
@@ -65,7 +65,7 @@ kinds! {
     Unknown "unknown" "unknown"
 }
 
-/// The schemas of JSON and TOML files.
+/// Schemas of JSON and TOML files.
 const SCHEMAS: &[(&str, Kind)] = &[
     (render::line::SCENE_SCHEMA, Kind::Scene),
     (plan::RECIPE_SCHEMA, Kind::Recipe),
@@ -82,13 +82,13 @@ const SCHEMAS: &[(&str, Kind)] = &[
     ("glasshouse.checkpoint/1", Kind::CheckpointState),
 ];
 
-/// The schema of a kind's files, if they have one.
+/// Returns the schema of a kind's files, if they have a schema.
 pub(super) fn schema_of(kind: Kind) -> Option<&'static str> {
     let kind = if kind == Kind::Manifest { Kind::Scene } else { kind };
     SCHEMAS.iter().find(|(_, of)| *of == kind).map(|(schema, _)| *schema)
 }
 
-/// The kind by the first bytes of a file.
+/// Finds the kind of a file by its first bytes.
 pub(super) fn kind_of(name: &str, head: &[u8]) -> Option<Kind> {
     Some(match head {
         [] => return None,
@@ -101,13 +101,13 @@ pub(super) fn kind_of(name: &str, head: &[u8]) -> Option<Kind> {
         [b'p', b'l', b'y', b'\r' | b'\n', ..] => Kind::Mesh,
         _ if head.get(257..262) == Some(b"ustar") => Kind::Archive,
         [_, _, _, _, _, 0, 0, 0, b'{', ..] => Kind::Tensors,
-        // A record's length, its checksum, the time, and the first event.
+        // A record starts with its length and checksum; the first event has the time and this text.
         _ if head.get(12..64).is_some_and(|start| contains(start, b"brain.Event:")) => Kind::Events,
         _ => return text_kind(name, text_of(head)?),
     })
 }
 
-/// The head as text, `None` if it is binary. It may end within a character.
+/// Returns the head as text, or `None` if it is binary. The head may end within a character.
 fn text_of(head: &[u8]) -> Option<&str> {
     if head.contains(&0) {
         return None;
@@ -144,13 +144,13 @@ fn text_kind(name: &str, text: &str) -> Option<Kind> {
     if is_sum(first) {
         return Some(Kind::Sums);
     }
-    // TOML: a key at the beginning of a line.
+    // In TOML, a key starts a line.
     text.lines()
         .find_map(|line| line.strip_prefix("schema").map(str::trim_start))
         .and_then(|rest| by_schema(rest.strip_prefix('=')?.trim_start().strip_prefix('"')?))
 }
 
-/// The kind of the schema at the beginning of `text`, in any version.
+/// Finds the kind of the schema at the start of `text`, in any version.
 fn by_schema(text: &str) -> Option<Kind> {
     let schema = text.split(['"', '\n']).next()?;
     let stem = |schema: &'static str| schema.split('/').next().unwrap_or(schema);
@@ -188,7 +188,7 @@ fn json_kind(name: &str, text: &str) -> Option<Kind> {
     }
 }
 
-/// Whether a line is from `sha256sum`: digest, two spaces, name.
+/// True if a line has the form of `sha256sum`: digest, two spaces, name.
 fn is_sum(line: &str) -> bool {
     let is_hex = |digest: &str| digest.bytes().all(|b| b.is_ascii_hexdigit());
     line.split_at_checked(64).is_some_and(|(digest, name)| {
@@ -196,7 +196,7 @@ fn is_sum(line: &str) -> bool {
     })
 }
 
-/// The kind by the name of a file.
+/// Finds the kind of a file by its name.
 pub(super) fn kind_by_name(name: &str) -> Option<Kind> {
     let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
     Some(match name {

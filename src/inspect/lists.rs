@@ -1,4 +1,4 @@
-//! Text files with one entry per line, and the report page.
+//! Inspects text files with one entry per line, and the report page.
 
 use super::facts::{Inspection, Problem, first_of};
 use super::input::{AGAIN, Input};
@@ -70,7 +70,7 @@ fn say_columns(found: &mut Inspection, columns: Vec<String>) {
     found.facts.fact("columns", first_of(&columns, SHOWN), columns);
 }
 
-/// The lines of a list, up to the first bad one.
+/// Parses the lines of a list, up to the first bad line.
 fn json_lines<T: DeserializeOwned>(found: &mut Inspection, text: &str) -> Vec<T> {
     let mut read = Vec::new();
     for (index, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {

@@ -1,4 +1,4 @@
-//! Manifests and single scenes.
+//! Inspects manifests and single scenes.
 
 use super::digests::hold_file;
 use super::facts::{Inspection, Problem};
@@ -28,7 +28,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
             if kind == Kind::Manifest {
                 let before = text.lines().take(line.saturating_sub(1));
                 let good = before.filter(|line| !line.trim().is_empty()).count();
-                let text = format!("{good} before the first bad one");
+                let text = format!("{good} before the first bad line");
                 found.facts.fact("good_lines", text, good);
             }
             let problem = Problem::new(error.to_string(), "correct that line, or plan again");
@@ -71,7 +71,7 @@ fn say(found: &mut Inspection, lines: &[SceneLine]) {
     }
 }
 
-/// Parameters to show with their ranges: name, JSON pointer into a line, unit.
+/// Parameters whose ranges are shown: name, JSON pointer into a line, unit.
 const NUMBERS: &[(&str, &str, &str)] = &[
     ("film.width", "/film/width", "px"),
     ("film.height", "/film/height", "px"),

@@ -1,4 +1,4 @@
-//! Recognises files and checks whether they are intact: `glasshouse inspect`.
+//! `glasshouse inspect`: recognises files and checks whether they are intact.
 //!
 //! A path is a file or a folder. A file's first bytes decide its kind, and each kind has a reader. Small files share a
 //! generic reader (`record` and `lists`: checked by the type of their schema, shown as a table); partials, tuples,

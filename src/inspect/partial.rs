@@ -1,4 +1,4 @@
-//! Partials: scene, shard and digest.
+//! Inspects partials: scene, shard and digest.
 
 use super::exr::{Head, say_values, to_do};
 use super::facts::{Inspection, Problem};
@@ -77,7 +77,7 @@ fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
         ));
     }
     if keys::shard_of(name).is_some_and(|shard| shard != header.shard) {
-        let what = format!("its name is of another shard than its header: {}", header.shard);
+        let what = format!("its name belongs to another shard than its header: {}", header.shard);
         found.wrong(Problem::new(what, to_do(Kind::Partial)));
     }
 }

@@ -1,4 +1,4 @@
-//! Pictures, arrays and meshes: inputs and previews.
+//! Inspects pictures, arrays and meshes: inputs and previews.
 
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};

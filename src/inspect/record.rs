@@ -1,4 +1,4 @@
-//! Small files with one JSON object or TOML table, checked by their type and shown as a table of keys and values.
+//! Inspects small files with one JSON object or TOML table: checks their type and shows a table of keys and values.
 
 use super::digests::{Digested, hold_record};
 use super::facts::{Inspection, Problem, text_of};
@@ -68,7 +68,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
     found
 }
 
-/// Parses a JSON file with the schema of `found`'s kind; errors become problems of `found`.
+/// Parses a JSON file with the schema of `found`'s kind. Errors become problems of `found`.
 pub(super) fn typed<T: DeserializeOwned>(
     found: &mut Inspection,
     input: &Input,
@@ -130,7 +130,7 @@ fn toml_table<E: std::fmt::Display>(
     Some(table.into_iter().map(|(key, value)| (key, keys(value))).collect())
 }
 
-/// The keys of a command's output, or the texts of a data set's description.
+/// Summarises a command's output by its keys, or a data set's description by its texts.
 fn summary(kind: Kind, object: Map<String, Value>) -> Map<String, Value> {
     if kind == Kind::Croissant {
         let texts = object.into_iter().filter(|(_, value)| value.is_string());
@@ -141,7 +141,7 @@ fn summary(kind: Kind, object: Map<String, Value>) -> Map<String, Value> {
     [("schema".to_owned(), schema), ("keys".to_owned(), keys)].into_iter().collect()
 }
 
-/// Adds keys and values; rows of a nested object begin with its key.
+/// Adds keys and values; the rows of a nested object start with its key.
 fn tell(found: &mut Inspection, object: &Map<String, Value>) {
     let known = schema_of(found.kind).is_some();
     for (key, value) in object.iter().filter(|(key, _)| !(known && *key == "schema")) {
@@ -164,7 +164,7 @@ fn check_name(found: &mut Inspection, name: &str, object: &Map<String, Value>) {
         Kind::Quarantine | Kind::Receipt => {
             if let Some(scene) = scene.filter(|scene| !is_named_so(scene)) {
                 found.next.push(format!(
-                    "its name in a run is {scene}.json: under another name it counts for another scene"
+                    "rename it to {scene}.json: in a run, the name of the file tells its scene"
                 ));
             }
         }
@@ -174,8 +174,8 @@ fn check_name(found: &mut Inspection, name: &str, object: &Map<String, Value>) {
             };
             if keys::attempt_of(name).is_some_and(is_other) {
                 found.wrong(Problem::new(
-                    "its name has other shards or another number than its content",
-                    "delete it: the attempt is then not counted",
+                    "its name and its content have different shards or numbers",
+                    "delete it; workers then ignore the attempt",
                 ));
             }
         }
@@ -186,7 +186,7 @@ fn check_name(found: &mut Inspection, name: &str, object: &Map<String, Value>) {
 /// Remedy for a damaged record.
 fn to_do(kind: Kind) -> &'static str {
     match kind {
-        Kind::Quarantine => "delete it to have the scene tried again",
+        Kind::Quarantine => "delete it, so that workers try the scene again",
         Kind::Attempt => "nothing: it counts as a lost attempt",
         Kind::Control => "`glasshouse resume RUN` removes it; until then the run is paused",
         Kind::Receipt | Kind::MadeBy => "delete it: nothing depends on it",

@@ -1,4 +1,4 @@
-//! The parts of a checkpoint that need the trainer: the state's type and the tensors.
+//! Inspects the parts of a checkpoint that need the trainer: the type of the state, and the tensors.
 
 use super::digests::{CheckpointDigests, Digested};
 use super::facts::{Inspection, Problem};
@@ -15,14 +15,18 @@ pub(super) fn check_state(found: &mut Inspection, input: &Input) {
     let state = typed::<CheckpointState>(found, input, CheckpointDigests::TO_DO);
     if let Some((state, _)) = state.filter(|(state, _)| state.code_path != code_path()) {
         found.next.push(format!(
+<<<<<<< HEAD
             "it was computed with {} instructions, but this machine has {}: resuming works, but the last bits differ",
+=======
+            "it was computed with {} instructions, this machine has {}: training resumes, but the last bits differ",
+>>>>>>> h/wreport
             state.code_path,
             code_path()
         ));
     }
 }
 
-/// Numbers of tensors, values and non-finite values of one network.
+/// Number of tensors, of values and of non-finite values of one network.
 type Group = [u64; 3];
 
 /// Adds the networks of a safetensors file and the shapes of its tensors.
@@ -58,7 +62,7 @@ pub(super) fn tell(found: &mut Inspection, input: &Input) {
         found.facts.say(name.as_str(), text);
         if not_finite > 0 {
             found.wrong(Problem::new(
-                format!("{not_finite} of its numbers in {name} are NaN or infinite"),
+                format!("{not_finite} of the numbers in {name} are NaN or infinite"),
                 "train again with a smaller --learning-rate, in a new run",
             ));
         }

@@ -1,4 +1,4 @@
-//! `tuple.exr` and `tuple.json` of a tuple, compared with each other.
+//! Inspects `tuple.exr` and `tuple.json`, and compares them with each other.
 
 use super::digests::{Digested, hold_file, hold_record};
 use super::exr::{self, Head, say_layers, say_size};
@@ -109,12 +109,12 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
     facts.value("tracer_version", record.tracer_version);
     if record.tracer_version != TRACER_VERSION {
         found.next.push(format!(
-            "it was made by tracer version {}, this program has {TRACER_VERSION}",
+            "tracer version {} made it, this program has {TRACER_VERSION}",
             record.tracer_version
         ));
     }
     if found.is_sound() {
-        let next = "`glasshouse render tuple.json --out DIR` makes its images again";
+        let next = "`glasshouse render tuple.json --out DIR` renders its images again";
         found.next.push(next.to_owned());
     }
 }

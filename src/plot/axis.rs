@@ -1,4 +1,4 @@
-//! Axes: positions of values, and ticks.
+//! Axes, which map values to positions and place ticks.
 
 use maud::{Markup, html};
 
@@ -30,20 +30,20 @@ pub(crate) struct Tick {
 }
 
 impl Axis {
-    /// A logarithmic axis for positive values. It extends beyond them by a factor of 1.3, or by 1.95 if they are all
-    /// equal.
+    /// Creates a logarithmic axis for positive values. It extends beyond the values by a factor of 1.3, or by 1.95 if
+    /// all values are equal.
     pub(crate) fn log(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
         let (lo, hi) = range(values);
         let (lo, hi) = (lo.min(hi / 1.5) / 1.3, hi.max(lo * 1.5) * 1.3);
         Self { scale: Scale::Log, values: [lo, hi], ends }
     }
 
-    /// A logarithmic axis between two values above 0.
+    /// Creates a logarithmic axis between two values above 0.
     pub(crate) fn log_between(values: [f64; 2], ends: [f64; 2]) -> Self {
         Self { scale: Scale::Log, values, ends }
     }
 
-    /// A linear axis over the range of `values`. If they are all equal, it extends a little beyond them.
+    /// Creates a linear axis over the range of `values`. If all values are equal, it extends a little beyond them.
     pub(crate) fn linear(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
         let (lo, hi) = range(values);
         let values = if lo < hi {
@@ -60,7 +60,7 @@ impl Axis {
         a + (b - a) * self.place(value)
     }
 
-    /// Position of a value: 0 at the first end of the axis, 1 at the second.
+    /// Returns the relative position of a value: 0 at the first end of the axis, 1 at the second.
     pub(crate) fn place(&self, value: f64) -> f64 {
         let [lo, hi] = self.values;
         match self.scale {
@@ -73,7 +73,7 @@ impl Axis {
         self.scale == Scale::Log
     }
 
-    /// Ticks of the axis, from the first end.
+    /// Returns the ticks of the axis, from the first end.
     pub(crate) fn ticks(&self) -> Vec<Tick> {
         match self.scale {
             Scale::Linear => self.linear_ticks(),
@@ -81,7 +81,7 @@ impl Axis {
         }
     }
 
-    /// Ticks at multiples of 1, 2 or 5 times a power of 10.
+    /// Places ticks at multiples of 1, 2 or 5 times a power of 10.
     fn linear_ticks(&self) -> Vec<Tick> {
         let [lo, hi] = self.values;
         let rough = (hi - lo) / TICKS;
@@ -108,8 +108,8 @@ impl Axis {
             .collect()
     }
 
-    /// Ticks at powers of 10. An axis of few decades also has ticks at 2 and 5, an axis of less than one decade at all
-    /// digits. A long axis has ticks only at some powers of 10.
+    /// Places ticks at powers of 10. An axis of few decades also has ticks at 2 and 5, an axis of less than one decade at
+    /// all digits. A long axis has ticks only at some powers of 10.
     fn log_ticks(&self) -> Vec<Tick> {
         let [lo, hi] = self.values;
         let (first, last) = (libm::log10(lo).floor() as i32, libm::log10(hi).ceil() as i32);
@@ -136,7 +136,7 @@ impl Axis {
     }
 }
 
-/// Label of a digit times a power of 10.
+/// Formats the label of a digit times a power of 10.
 fn power_label(digit: i32, exponent: i32, is_plain: bool) -> Markup {
     if is_plain {
         let value = f64::from(digit) * libm::pow(10.0, f64::from(exponent));

@@ -1,4 +1,4 @@
-//! Plots as SVG: axes with ticks, units and labels, lines and points. No script, style sheet or font.
+//! Plots as SVG without scripts, style sheets or fonts: axes with ticks, units and labels, lines and points.
 //!
 //! An [`Axis`] maps values to positions and places ticks; a [`Panel`] has two axes and draws the frame and the data.
 //! Frame and text have the page's text colour (`currentColor`), so that a plot suits light and dark pages.

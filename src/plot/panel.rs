@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use maud::{Markup, html};
 
-/// A plot's area and its axes: `x.ends` are left and right, `y.ends` bottom and top, Width, px.
+/// Axes of a plot area: `x.ends` are left and right, `y.ends` are bottom and top, px.
 pub(crate) struct Panel<'a> {
     pub(crate) x: Axis,
     pub(crate) y: Axis,
@@ -22,7 +22,7 @@ pub(crate) struct Stroke<'a> {
     pub(crate) dash: &'a str,
 }
 
-/// A plot of `width` x `height` Width, px. `label` is its accessible name.
+/// Draws a plot of `width` x `height` px. `label` is its accessible name.
 pub(crate) fn plot([width, height]: [f64; 2], label: &str, content: &Markup) -> Markup {
     // A phone scales wide plots down, so they need larger text.
     let font_size = if width > 400.0 { 13 } else { 11 };
@@ -32,7 +32,7 @@ pub(crate) fn plot([width, height]: [f64; 2], label: &str, content: &Markup) -> 
     }
 }
 
-/// Names and colours in a row that ends at `x`, with their baseline at `y`.
+/// Draws names and colours in a row that ends at `x` and has its baseline at `y`.
 pub(crate) fn legend([x, y]: [f64; 2], entries: &[(&str, &str)]) -> Markup {
     let mut right = x;
     let placed = entries.iter().rev().map(|(name, colour)| {
@@ -50,7 +50,7 @@ pub(crate) fn legend([x, y]: [f64; 2], entries: &[(&str, &str)]) -> Markup {
 }
 
 impl Panel<'_> {
-    /// Ticks with their numbers, the frame and both labels.
+    /// Draws the ticks with their numbers, the frame and both labels.
     pub(crate) fn frame(&self) -> Markup {
         let ([left, right], [bottom, top]) = (self.x.ends, self.y.ends);
         html! {
@@ -69,12 +69,12 @@ impl Panel<'_> {
         }
     }
 
-    /// Position of a data point, px.
+    /// Returns the position of a data point, px.
     pub(crate) fn at(&self, (x, y): (f64, f64)) -> (f64, f64) {
         (self.x.at(x), self.y.at(y))
     }
 
-    /// A line through positions.
+    /// Draws a line through positions.
     pub(crate) fn line(points: &[(f64, f64)], stroke: &Stroke) -> Markup {
         let path: Vec<String> = points.iter().map(|(x, y)| format!("{x:.1} {y:.1}")).collect();
         let dash = Some(stroke.dash).filter(|dash| !dash.is_empty());
@@ -86,7 +86,7 @@ impl Panel<'_> {
         }
     }
 
-    /// A dot at each position.
+    /// Draws a dot at each position.
     pub(crate) fn dots(points: &[(f64, f64)], colour: &str, radius: f64) -> Markup {
         html! {
             @for (x, y) in points {

@@ -2,14 +2,14 @@
 
 use render::layer::PerLayer;
 
-/// The layers' symbols as in the paper, with a combining tilde above the R.
+/// Symbols of the layers in the paper; R~ has a combining tilde.
 pub(crate) const PAPER_SYMBOLS: PerLayer<&str> = PerLayer(["I", "T", "R\u{303}", "R"]);
 
-/// The layers' colours, by Okabe and Ito: distinguishable for the colour-blind.
+/// Colours of the layers, from the palette of Okabe and Ito, which the colour-blind can distinguish.
 pub(crate) const LAYER_COLOURS: PerLayer<&str> =
     PerLayer(["#0072B2", "#D55E00", "#009E73", "#CC79A7"]);
 
-/// Three significant digits; a power of 10 for very small and very large numbers.
+/// Formats a number with three significant digits, and a power of 10 if it is very small or very large.
 pub(crate) fn number(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(1e-4..1e7).contains(&size) {

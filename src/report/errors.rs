@@ -1,4 +1,4 @@
-//! Stated errors of all tuples: their distribution and cost.
+//! Distribution and cost of the stated errors of all tuples.
 
 use super::survey::{DoneScene, Survey};
 use super::text::{error, evenly, exact, quantile, table};
@@ -18,10 +18,10 @@ const LEGEND: [f64; 2] = [466.0, 16.0];
 const STEPS: usize = 200;
 const POINTS: usize = 800;
 
-/// CPU seconds of tracing a scene, by its index in the manifest.
+/// CPU seconds of tracing, by the scene's index in the manifest.
 pub(super) type Costs = BTreeMap<usize, f64>;
 
-/// The section with its plots and its table.
+/// Draws the section: plots and a table.
 pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
     let layers: Vec<LayerErrors> =
         (0..4).filter_map(|k| LayerErrors::of(k, &survey.done)).collect();
@@ -36,12 +36,12 @@ pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
     html! {
         p {
             "The stated error of a layer is the estimated RMS error over its film and colours, in linear radiance (white is \
-            1), from " code { "tuple.json" } ". It is estimated from the moves of the means at the last two doublings of their \
-            samples. "
+            1), from " code { "tuple.json" } ". The estimate uses the changes of the means at the last two doublings \
+            of their samples. "
             @if known == 0 {
                 "Workers have not reported the cost of single scenes yet."
             } @else if known < survey.done.len() {
-                "The cost of " (known) " scenes is known; a part of each other scene was traced by a worker without a log."
+                "The cost of " (known) " scenes is known; workers without a log traced parts of the other scenes."
             }
         }
         div.plots.wide {
@@ -60,9 +60,9 @@ pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
 
 struct LayerErrors {
     k: usize,
-    /// Error and index of the scene in the manifest, sorted.
+    /// Errors with the index of the scene in the manifest, sorted.
     sorted: Vec<(f64, usize)>,
-    /// Samples a pixel, sorted.
+    /// Samples a pixel of each scene, sorted.
     samples: Vec<f64>,
 }
 
@@ -85,7 +85,7 @@ impl LayerErrors {
     }
 }
 
-/// Cumulative distribution of the stated errors.
+/// Draws the cumulative distribution of the stated errors.
 fn distribution(layers: &[LayerErrors]) -> Markup {
     let all = layers.iter().flat_map(|layer| &layer.sorted);
     let positive = all.map(|(error, _)| *error).filter(|error| *error > 0.0);
@@ -127,7 +127,7 @@ fn distribution(layers: &[LayerErrors]) -> Markup {
     plot(SIZE, "Distribution of the stated errors of each layer", &content)
 }
 
-/// A scatter plot with one point for each scene and layer: `across` gives x, the stated error is y.
+/// Draws a scatter plot with one point for each scene and layer: `across` returns x, the stated error is y.
 fn cloud(
     survey: &Survey,
     label: &str,
@@ -211,7 +211,7 @@ fn summary(run: &Run, layers: &[LayerErrors]) -> Markup {
     table("Stated errors", &heads, &html! { @for layer in layers { (row(layer)) } })
 }
 
-/// Costs of the scenes for which the logs have each shard exactly once.
+/// Returns the costs of the scenes for which the logs have each shard exactly once.
 fn costs(run: &Run, survey: &Survey) -> Costs {
     let mut traced: BTreeMap<&str, (u32, f64)> = BTreeMap::new();
     for scene in survey.logs.iter().flat_map(|log| &log.scenes) {

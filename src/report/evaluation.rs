@@ -9,34 +9,34 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// Longest side of a grid of pictures in the file and on the page, px.
+/// Maximum side of a grid of pictures in the file and on the page, px.
 const MOST_PX: u32 = 16_384;
 const SHOWN_PX: u32 = 1820;
-/// Pictures in the table of single pictures.
+/// Maximum number of pictures in the table of single pictures.
 const PICTURES_SHOWN: usize = 24;
 
-/// Means, single pictures' scores, and a grid of pictures.
+/// Draws the section: mean scores, a grid of pictures, and the scores of single pictures.
 pub(super) fn evaluation(run: &Path) -> Markup {
     let folder = run.join("train").join("evaluation");
     let json = fs::read(folder.join("evaluation.json")).ok();
     let json = json.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
     let Some(json) = json.filter(|json| json["rows"].is_array()) else {
-        return html! { p.dim { "Nothing was scored: " code { "glasshouse evaluate RUN" } " does it." } };
+        return html! { p.dim { "The run has no scores yet; " code { "glasshouse evaluate RUN" } " computes them." } };
     };
     html! {
         (scores(&json))
         @if let Ok(png) = fs::read(folder.join("evaluation.png")) {
             (grid(
                 &png,
-                "Pictures that were scored: input, what each method makes of it, truth",
-                &format!("Some of the pictures that were scored, evenly drawn: {}.", columns(&json)),
+                "Scored pictures: input, output of each method, truth",
+                &format!("Scored pictures, a selection at even distances: {}.", columns(&json)),
             ))
         }
         @if let Ok(csv) = fs::read_to_string(folder.join("evaluation.csv")) { (single(&csv)) }
     }
 }
 
-/// A grid of pictures, or the error of reading it.
+/// Draws a grid of pictures, or the error of reading it.
 pub(super) fn grid(png: &[u8], alt: &str, caption: &str) -> Markup {
     let picture = decode_png_within(png, MOST_PX);
     match picture.and_then(|picture| img(&shrunk(picture, SHOWN_PX), alt)) {
@@ -50,7 +50,7 @@ pub(super) fn grid(png: &[u8], alt: &str, caption: &str) -> Markup {
     }
 }
 
-/// Names of the grid's columns.
+/// Lists the names of the grid's columns.
 fn columns(evaluation: &Value) -> String {
     let rows = evaluation["rows"].as_array().into_iter().flatten();
     let methods = rows.filter_map(|row| row["method"].as_str());
@@ -59,7 +59,7 @@ fn columns(evaluation: &Value) -> String {
     names.join(", ")
 }
 
-/// The rows of `evaluation.json`.
+/// Draws the rows of `evaluation.json` as a table.
 fn scores(evaluation: &Value) -> Markup {
     let number = |value: &Value, digits: usize| {
         html! {
@@ -92,13 +92,13 @@ fn scores(evaluation: &Value) -> Markup {
         p {
             "T* against T of " (evaluation["images"].as_u64().unwrap_or(0)) " "
             (evaluation["split"].as_str().unwrap_or_default())
-            " scenes, 8-bit sRGB, not resized. The input as it is comes first: a method that scores less makes pictures worse."
+            " scenes, 8-bit sRGB, not resized. The first row scores the input; a method with lower scores does harm."
         }
         (table("Scores", &heads, &rows))
     }
 }
 
-/// PSNR of single pictures by every method, from `evaluation.csv`.
+/// Draws a table of the PSNR of single pictures for every method, from `evaluation.csv`.
 fn single(csv: &str) -> Markup {
     let mut lines = csv.lines().map_while(csv_cells);
     let head = lines.next().unwrap_or_default();
@@ -145,8 +145,8 @@ fn single(csv: &str) -> Markup {
     html! {
         h3 { "PSNR of single pictures, dB" }
         p {
-            (images.len().min(PICTURES_SHOWN)) " of " (images.len()) ", evenly drawn; "
-            code { "evaluation.csv" } " has all."
+            (images.len().min(PICTURES_SHOWN)) " of " (images.len()) " pictures, at even distances; "
+            code { "evaluation.csv" } " has all of them."
         }
         (table("PSNR of single pictures", &heads, &rows))
     }
@@ -160,7 +160,7 @@ mod tests {
     fn scores_of_all_methods_are_shown() {
         let folder = tempfile::tempdir().unwrap();
         let page = || evaluation(folder.path()).into_string();
-        assert!(page().contains("Nothing was scored"));
+        assert!(page().contains("has no scores yet"));
         let inside = folder.path().join("train/evaluation");
         render::atomic_file::create_dir(&inside).unwrap();
         let put = |name: &str, bytes: &[u8]| {

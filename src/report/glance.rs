@@ -1,4 +1,4 @@
-//! The run in a dozen numbers.
+//! Summarises the run in a dozen numbers.
 
 use super::survey::Survey;
 use super::text::table;
@@ -9,7 +9,7 @@ use maud::{Markup, html};
 use render::line::{SceneLine, Split};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Facts, splits and sources.
+/// Draws the section: facts, splits and sources.
 pub(super) fn glance(run: &Run, survey: &Survey) -> Markup {
     let counts = &survey.status.counts;
     let fact = |id: &str, name: &str, value: &str, note: &str| {
@@ -34,7 +34,7 @@ pub(super) fn glance(run: &Run, survey: &Survey) -> Markup {
     }
 }
 
-/// The size that all films have, or the range of their sizes.
+/// Formats the size that all films have, or the range of their sizes, and the unit.
 fn film(lines: &[SceneLine]) -> (String, &'static str) {
     let sizes: BTreeSet<[u32; 2]> = lines.iter().map(|l| [l.film.width, l.film.height]).collect();
     let text = |size: Option<&[u32; 2]>| {
@@ -46,7 +46,7 @@ fn film(lines: &[SceneLine]) -> (String, &'static str) {
     }
 }
 
-/// Samples a pixel, as the recipe set them.
+/// Formats the samples a pixel that the recipe sets, and their unit or limit.
 fn samples(lines: &[SceneLine]) -> (String, String) {
     let counts: BTreeSet<u32> = lines.iter().map(|l| l.film.spp).collect();
     let text = |count: Option<&u32>| count.map_or("none".to_owned(), u32::to_string);
@@ -60,9 +60,9 @@ fn samples(lines: &[SceneLine]) -> (String, String) {
     let note = match errors.len() {
         0 => "a pixel".to_owned(),
         n if n == lines.len() => {
-            format!("a pixel at most, until its error is {}", number(least))
+            format!("a pixel at most; a cell stops at an error of {}", number(least))
         }
-        n => format!("a pixel; {n} scenes until their error is small enough"),
+        n => format!("a pixel; cells of {n} scenes stop at a target error"),
     };
     (count, note)
 }
@@ -71,7 +71,7 @@ fn identity(run: &Run) -> Markup {
     let seeds: BTreeSet<u64> = run.lines.iter().map(|line| line.seed).collect();
     let seeds = match (seeds.first(), seeds.last()) {
         (Some(first), Some(last)) if first != last => {
-            format!("{} different ones, {first} to {last}", seeds.len())
+            format!("{} different seeds, {first} to {last}", seeds.len())
         }
         (Some(only), _) => only.to_string(),
         _ => "none".to_owned(),
@@ -90,8 +90,8 @@ fn identity(run: &Run) -> Markup {
             }
             @if !run.spec.left_out.is_empty() {
                 tr {
-                    th scope="row" { "left out when planned" }
-                    td { (run.spec.left_out.len()) " whose files could not be used" }
+                    th scope="row" { "left out by the planner" }
+                    td { (run.spec.left_out.len()) " with unusable files" }
                 }
             }
         } } }
@@ -121,7 +121,7 @@ fn splits(run: &Run, survey: &Survey) -> Markup {
     table("Splits", &["split", "#scenes", "#tuples", "#quarantine"], &rows)
 }
 
-/// How often each source is used.
+/// Draws a table of the sources and their uses.
 fn sources(lines: &[SceneLine]) -> Markup {
     #[derive(Default)]
     struct Use<'a> {
@@ -151,7 +151,7 @@ fn sources(lines: &[SceneLine]) -> Markup {
     table("Sources", &["source", "#files", "#in front", "#reflected"], &rows)
 }
 
-/// The named root of a path.
+/// Returns the named root of a path, or a description of paths without one.
 fn source_of(path: &str) -> &str {
     match path.split_once(':') {
         Some((root, _)) => root,

@@ -1,15 +1,15 @@
-//! One histogram as SVG: bars, both axes, the median.
+//! Histograms as SVG.
 
 use crate::plot::{Axis, Panel, number, plot};
 use maud::{Markup, html};
 
-/// Size of the picture, px of its own coordinates.
+/// Size of the picture, in SVG user units.
 const SIZE: [f64; 2] = [300.0, 170.0];
 const X_ENDS: [f64; 2] = [34.0, 288.0];
 const Y_ENDS: [f64; 2] = [128.0, 34.0];
 
-/// A histogram of finite `values`; `None` if they are all equal. Positive values with a range above a factor of 30 get a
-/// logarithmic axis if it spreads them better.
+/// Draws a histogram of finite `values`; returns `None` if all are equal. Positive values with a range above a factor
+/// of 30 get a logarithmic axis if this axis spreads them better.
 pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<Markup> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -21,7 +21,7 @@ pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<Markup
     let mut x = Axis::linear([least, most].into_iter(), X_ENDS);
     if least > 0.0 && most / least > 30.0 {
         let log = Axis::log_between([least, most], X_ENDS);
-        // The axis with the median nearer to the middle spreads the values better.
+        // The axis whose middle is nearer to the median spreads the values better.
         let is_off = |axis: &Axis| (axis.place(median) - 0.5).abs();
         if is_off(&log) < is_off(&x) {
             x = log;
@@ -45,7 +45,7 @@ pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<Markup
     };
     let panel = Panel {
         x,
-        // Counts are whole: a short axis would have ticks between them.
+        // Counts are integers, but a shorter axis would have ticks between them.
         y: Axis::linear([0.0, f64::from(highest.max(4))].into_iter(), Y_ENDS),
         x_label: &x_label,
         y_label: "scenes",

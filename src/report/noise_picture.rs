@@ -1,4 +1,4 @@
-//! A noise map as a picture, and its colour scale.
+//! Draws noise maps and their colour scale.
 
 use crate::plot::{Axis, PAPER_SYMBOLS, plot};
 use image::{Rgb, RgbImage, imageops};
@@ -6,13 +6,13 @@ use maud::{Markup, html};
 use render::layer::Layer;
 use render::merge::NoiseMap;
 
-/// Errors (linear radiance) at the ends of the colour scale: fixed, so that pages can be compared.
+/// Errors at the ends of the colour scale, linear radiance. They are fixed, so that pages can be compared.
 pub(super) const ENDS: [f64; 2] = [1e-5, 1e-1];
-/// Number of colours: fewer bytes than a smooth scale, with the same look.
+/// Number of colour steps. Pictures take fewer bytes than with a smooth scale and look the same.
 const LEVELS: f64 = 48.0;
-/// Longest side of a layer's map, px, where there are several.
+/// Maximum side of each map in a picture of several layers, px.
 const PART_PX: u32 = 128;
-/// The same of a single map.
+/// Maximum side of a single map, px.
 const ONLY_PX: u32 = 256;
 const GAP: u32 = 2;
 
@@ -29,7 +29,7 @@ const COLOURS: [[u8; 3]; 9] = [
     [0xfd, 0xe7, 0x25],
 ];
 
-/// The maps of all layers in one picture, two a row, and the layers in that order.
+/// Draws the maps of all layers in one picture, two in a row. Returns the layers' symbols in the same order.
 pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<&'static str>) {
     let mut made = Layer::ALL.to_vec();
     made.retain(|&layer| !map.layers[layer].is_empty());
@@ -51,7 +51,7 @@ pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<&'static str>) {
     (picture, symbols.collect())
 }
 
-/// One layer. In a smaller picture, a pixel is the RMS of those that it covers.
+/// Draws the map of one layer. A pixel of a smaller picture is the RMS of the values that it covers.
 fn part(values: &[f32], [width, height]: [u32; 2], most: u32) -> RgbImage {
     let longest = width.max(height).max(1);
     let side = |side: u32| {
@@ -62,7 +62,7 @@ fn part(values: &[f32], [width, height]: [u32; 2], most: u32) -> RgbImage {
         }
     };
     let (columns, rows) = (side(width), side(height));
-    // Pixels are never fewer than cells, so that no cell is empty.
+    // The picture is never larger than the map, so that every cell has a value.
     let cells = |cell: u32, cells: u32, size: u32| {
         let end = |cell: u32| (u64::from(cell) * u64::from(size) / u64::from(cells)) as usize;
         end(cell)..end(cell + 1)
@@ -80,14 +80,14 @@ fn part(values: &[f32], [width, height]: [u32; 2], most: u32) -> RgbImage {
     })
 }
 
-/// The colour of an error.
+/// Returns the colour of an error.
 fn colour(error: f64) -> [u8; 3] {
     let place = libm::log10(error / ENDS[0]) / libm::log10(ENDS[1] / ENDS[0]);
-    // The logarithm of 0 is minus infinity, not NaN: the lower end.
+    // The logarithm of 0 is minus infinity, not NaN, so an error of 0 takes the lower end.
     at((place.clamp(0.0, 1.0) * LEVELS).round() / LEVELS)
 }
 
-/// The colour at a position between the ends, 0 to 1.
+/// Returns the colour at a position between the ends, 0 to 1.
 fn at(place: f64) -> [u8; 3] {
     let scaled = place * (COLOURS.len() - 1) as f64;
     let below = (scaled as usize).min(COLOURS.len() - 2);
@@ -98,7 +98,7 @@ fn at(place: f64) -> [u8; 3] {
     })
 }
 
-/// The scale of the colours, with its unit.
+/// Draws the colour scale with its unit.
 pub(super) fn scale() -> Markup {
     const SIZE: [f64; 2] = [460.0, 56.0];
     let label = format!(
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_of_several_layers_stand_beside_each_other() {
+    fn one_picture_has_the_maps_of_all_layers() {
         let layer = |value: f32| vec![value; 512 * 256];
         let mut map = NoiseMap {
             width: 512,
@@ -161,7 +161,7 @@ mod tests {
         assert_eq!((picture.dimensions(), symbols), ((258, 64), vec!["T", "R\u{303}"]));
         map.layers[Layer::Transmission].clear();
         assert_eq!(noise_picture(&map).0.dimensions(), (256, 128));
-        // Sides that do not divide, and thin ones.
+        // A width that is no multiple of the picture's, and a thin map.
         let odd = part(&vec![1e-3; 131 * 3], [131, 3], 128);
         assert_eq!(odd.dimensions(), (128, 2));
         assert!(odd.pixels().all(|p| p.0 == colour(f64::from(1e-3f32))));

@@ -1,4 +1,4 @@
-//! `report/index.html`: all sections on one self-contained page.
+//! Joins all sections into one self-contained page, `report/index.html`.
 
 use super::errors::errors;
 use super::evaluation::evaluation;
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 const STYLE: &str = concat!(include_str!("../serve/look.css"), include_str!("report.css"));
 
-/// Forbids all requests and scripts.
+/// Content security policy that forbids all requests and scripts.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";
 
 #[derive(Debug, thiserror::Error)]
@@ -35,22 +35,22 @@ pub enum ReportError {
 pub struct Report {
     pub path: PathBuf,
     pub bytes: u64,
-    /// Scenes of the run.
+    /// Number of scenes in the run.
     pub scenes: u64,
-    /// Of them, those with a tuple.
+    /// Number of scenes with a tuple.
     pub tuples: u64,
-    /// Tuples with pictures on the page.
+    /// Number of tuples with pictures on the page.
     pub shown: u64,
-    /// Of them, those with a noise map.
+    /// Number of noise maps on the page.
     pub noise_maps: u64,
-    /// Logs of workers that were summed.
+    /// Number of workers' logs that the page sums up.
     pub logs: u64,
-    /// Tuples that cannot be used, with the reason.
+    /// Scenes whose tuples cannot be used, with the reason.
     pub damaged: Vec<(SceneId, String)>,
 }
 
-/// Writes the page of a run whose objects are in `store`, to `path` or into the run's folder. Damaged tuples are named on it
-/// and in the result.
+/// Writes the page of a run whose objects are in `store`, to `path` or into the run's folder. The page and the result
+/// name damaged tuples.
 pub fn write_report(run: &Run, store: &Store, path: Option<&Path>) -> Result<Report, ReportError> {
     let mut survey = Survey::of(run, store)?;
     let sheet = sheet(run, store, &survey)?;
@@ -86,7 +86,7 @@ fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
         ("quarantine", "Quarantine", quarantine(&survey.status.counts.quarantined)),
         ("training", "Training", training(folder)),
         ("evaluation", "Evaluation", evaluation(folder)),
-        ("again", "How to make it again", again(run)),
+        ("again", "How to make the run again", again(run)),
     ];
     let state = survey.status.state.name();
     html! {
@@ -119,7 +119,7 @@ fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
     }
 }
 
-/// Rejected draws, or the error of reading them.
+/// Draws the rejected draws, or the error of reading them.
 fn rejected(run: &Run) -> Markup {
     match read_rejected(run.path(keys::REJECTED)) {
         Ok(rejected) => rejections(run.lines.len(), &rejected),
@@ -129,21 +129,21 @@ fn rejected(run: &Run) -> Markup {
     }
 }
 
-/// Commands that make the same tuples.
+/// Lists the commands that make the same tuples.
 fn again(run: &Run) -> Markup {
     let scene = run.lines.first().map_or("SCENE", |line| line.id.as_str());
     html! {
         p {
             "The manifest holds every number of every scene. The same manifest, the same input files and tracer version "
             (run.spec.tracer_version)
-            " make the same tuples, bit for bit, on any machine; the manifest is that of the digest above."
+            " make the same tuples, bit for bit, on any machine. The digest above identifies the manifest."
         }
         pre tabindex="0" {
-            "glasshouse plan RUN/manifest.jsonl --out AGAIN    # or the recipe it was planned from; --root NAME=DIR for its sources\n"
+            "glasshouse plan RUN/manifest.jsonl --out AGAIN    # or the run's recipe; --root NAME=DIR for each source\n"
             "glasshouse work AGAIN\n"
             "glasshouse report AGAIN\n"
-            "glasshouse render RUN/tuples/" (scene) "/tuple.json --out ONE    # one of them\n"
-            "glasshouse audit RUN    # some of them, compared bit for bit"
+            "glasshouse render RUN/tuples/" (scene) "/tuple.json --out ONE    # one tuple\n"
+            "glasshouse audit RUN    # traces some scenes again and compares bit for bit"
         }
     }
 }

@@ -8,10 +8,10 @@ use plan::RejectedScene;
 use render::line::{Focus, SceneLine};
 use std::collections::BTreeMap;
 
-/// Characters of a reason on the page.
+/// Maximum length of a reason on the page, in characters.
 const REASON_SHOWN: usize = 500;
 
-/// Name and unit of a number, and how to get it from a scene that has it.
+/// Name and unit of a parameter, and the function that reads it from a scene.
 type Parameter = (&'static str, &'static str, fn(&SceneLine) -> Option<f64>);
 
 const PARAMETERS: [Parameter; 19] = [
@@ -46,7 +46,7 @@ fn ev(exposure: f64) -> Option<f64> {
     (exposure > 0.0).then(|| exposure.log2())
 }
 
-/// A histogram of every parameter that differs among `lines`.
+/// Draws a histogram of every parameter that differs among `lines`.
 pub(super) fn parameters(lines: &[SceneLine]) -> Markup {
     let plots = PARAMETERS.iter().filter_map(|(name, unit, of)| {
         let values: Vec<f64> = lines.iter().filter_map(of).collect();
@@ -63,7 +63,7 @@ pub(super) fn parameters(lines: &[SceneLine]) -> Markup {
     }
 }
 
-/// The rejected draws; empty without any.
+/// Draws the table of rejected draws, or nothing without any.
 pub(super) fn rejections(scenes: usize, rejected: &[RejectedScene]) -> Markup {
     if rejected.is_empty() {
         return html! {};
@@ -87,7 +87,7 @@ pub(super) fn rejections(scenes: usize, rejected: &[RejectedScene]) -> Markup {
     html! {
         h3 { "Rejected draws" }
         p {
-            (draws) " draws were examined for " (scenes) " scenes; " (rejected.len()) " of them ("
+            (draws) " draws were examined for " (scenes) " scenes; " (rejected.len())  " of these ("
             (percent(rejected.len())) ") were rejected and replaced by other draws. "
             code { "rejected.jsonl" } " has each with its reason."
         }

@@ -1,4 +1,4 @@
-//! Pictures inside the page: small, as data URIs.
+//! Pictures that are part of the page, as data URIs.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -9,31 +9,31 @@ use maud::{Markup, html};
 use std::io::Cursor;
 
 pub(super) const QUALITY: u8 = 90;
-/// A JPEG replaces a PNG that is longer by more than this factor.
+/// Length of a PNG, relative to the JPEG's, above which the JPEG replaces it.
 pub(super) const MUCH_SMALLER: usize = 2;
 
-/// A PNG of exactly this size, px; any other size is an error before its pixels are decoded.
+/// Decodes a PNG of exactly `size` px. Any other size is an error before the pixels are decoded.
 pub(super) fn decode_png(bytes: &[u8], size: [u32; 2]) -> Result<RgbImage, String> {
     decode(bytes, size, |found| {
-        (found != size).then(|| format!("px, its film {} x {}", size[0], size[1]))
+        (found != size).then(|| format!("px, but its film has {} x {}", size[0], size[1]))
     })
 }
 
-/// A PNG of at most `most` px a side.
+/// Decodes a PNG of at most `most` px a side.
 pub(super) fn decode_png_within(bytes: &[u8], most: u32) -> Result<RgbImage, String> {
     decode(bytes, [most; 2], |found| {
         (found.into_iter().max() > Some(most)).then(|| format!("px, more than {most} a side"))
     })
 }
 
-/// Decodes a PNG after `refuse` has seen its size.
+/// Decodes a PNG unless `refuse` returns a reason to reject its size.
 fn decode(
     bytes: &[u8],
     most: [u32; 2],
     refuse: impl Fn([u32; 2]) -> Option<String>,
 ) -> Result<RgbImage, String> {
     let mut limits = Limits::default();
-    // Four channels of 16 bits, and the decoder's own rows.
+    // Allows four channels of 16 bits, and the decoder's own rows.
     limits.max_alloc = Some(u64::from(most[0]) * u64::from(most[1]) * 8 + (64 << 20));
     let failed = |e: image::ImageError| e.to_string();
     let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(failed)?;
@@ -44,7 +44,7 @@ fn decode(
     Ok(image::DynamicImage::from_decoder(decoder).map_err(failed)?.into_rgb8())
 }
 
-/// The picture, scaled down to at most `most` px a side.
+/// Scales the picture down to at most `most` px a side.
 pub(super) fn shrunk(picture: RgbImage, most: u32) -> RgbImage {
     let (width, height) = picture.dimensions();
     let longest = width.max(height);
@@ -55,7 +55,7 @@ pub(super) fn shrunk(picture: RgbImage, most: u32) -> RgbImage {
     imageops::thumbnail(&picture, side(width), side(height))
 }
 
-/// An `<img>`: a PNG, or a JPEG if that is much smaller.
+/// Encodes an `<img>`: a PNG, or a JPEG if that is much smaller.
 pub(super) fn img(picture: &RgbImage, alt: &str) -> Result<Markup, String> {
     let png = png(picture)?;
     let mut jpeg = Vec::new();
@@ -67,7 +67,7 @@ pub(super) fn img(picture: &RgbImage, alt: &str) -> Result<Markup, String> {
     Ok(tag(picture, alt, kind, &bytes))
 }
 
-/// An `<img>` with exact pixels.
+/// Encodes an `<img>` with exact pixels.
 pub(super) fn exact_img(picture: &RgbImage, alt: &str) -> Result<Markup, String> {
     Ok(tag(picture, alt, "png", &png(picture)?))
 }
@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn a_header_that_claims_gigabytes_is_refused() {
         let mut bytes = png(&RgbImage::new(4, 4)).unwrap();
-        // Width and height in IHDR; its checksum is wrong then, and nothing is allocated in any case.
+        // Changes width and height in IHDR. The wrong checksum or the size makes the decoder fail before it allocates.
         bytes[16..24].copy_from_slice(&[0, 0, 0x40, 0, 0, 0, 0x40, 0]);
         decode_png(&bytes, [4, 4]).unwrap_err();
     }

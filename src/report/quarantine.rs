@@ -1,4 +1,4 @@
-//! Scenes in quarantine and damaged tuples, with their reasons.
+//! Lists of scenes in quarantine and of damaged tuples, with their reasons.
 
 use super::text::table;
 use crate::run::Quarantined;
@@ -6,9 +6,9 @@ use crate::text::cut;
 use maud::{Markup, html};
 use render::ids::SceneId;
 
-/// Scenes on the page.
+/// Maximum number of scenes on the page.
 const SHOWN: usize = 200;
-/// Characters of a reason on the page.
+/// Maximum length of a reason on the page, in characters.
 const REASON_SHOWN: usize = 2000;
 
 pub(super) fn quarantine(scenes: &[Quarantined]) -> Markup {
@@ -18,14 +18,14 @@ pub(super) fn quarantine(scenes: &[Quarantined]) -> Markup {
     let all = scenes.iter().map(|s| (s.scene.as_str(), s.reason.as_str()));
     html! {
         p {
-            "These scenes could not be made; the run went on without them. After repairing their files, "
-            code { "glasshouse retry RUN --all" } " has them tried again."
+            "Workers could not make these scenes, and the run continued without them. After you repair their files, "
+            code { "glasshouse retry RUN --all" } " makes workers try again."
         }
         (reasons("Scenes in quarantine", all, "RUN/quarantine/"))
     }
 }
 
-/// Tuples that cannot be used.
+/// Lists the tuples that cannot be used.
 pub(super) fn damaged(scenes: &[(SceneId, String)]) -> Markup {
     if scenes.is_empty() {
         return html! {};
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lists_end_and_reasons_stay_text() {
+    fn long_lists_are_cut_and_reasons_are_escaped() {
         let scene = |k: usize| Quarantined {
             scene: format!("s{k}"),
             reason: format!("<script>{}", "x".repeat(9000)),

@@ -1,16 +1,16 @@
-//! Seconds by stage and worker, from the logs that workers leave when they end.
+//! Seconds by stage and worker, from the logs that workers write when they end.
 
 use super::stages::{BEFORE, STAGES, Stage, bar};
 use super::survey::Survey;
-use super::text::{counted, seconds, table};
+use super::text::{seconds, table};
 use crate::run::WorkLog;
-use crate::text::{cut, grouped};
+use crate::text::{cut, grouped, many};
 use maud::{Markup, html};
 
-/// Workers on the page.
+/// Maximum number of workers on the page.
 const WORKERS_SHOWN: usize = 50;
 
-/// A bar, a table of stages and one of workers.
+/// Draws the section: a bar, a table of stages and a table of workers.
 pub(super) fn seconds_of(survey: &Survey) -> Markup {
     let logs = &survey.logs;
     let damaged = &survey.damaged_logs;
@@ -18,7 +18,7 @@ pub(super) fn seconds_of(survey: &Survey) -> Markup {
         @if !damaged.is_empty() {
             @let names: Vec<&str> = damaged.iter().map(String::as_str).collect();
             p.bad {
-                (counted(names.len() as u64, "log")) " cannot be read and left out: " (cut(&names.join(", "), 500))
+                (many(names.len() as u64, "log")) " cannot be read: " (cut(&names.join(", "), 500))
             }
         }
         @if logs.is_empty() {
@@ -44,17 +44,17 @@ fn all_seconds(survey: &Survey) -> Markup {
     let missing = (survey.done.len() as u64).saturating_sub(tuples);
     html! {
         p {
-            (counted(logs.len() as u64, "worker")) " wrote " (counted(tuples, "tuple")) " and traced "
-            (counted(sum(|log| log.shards_traced), "shard")) " in " (seconds(total)) " CPU seconds"
+            (many(logs.len() as u64, "worker")) " wrote " (many(tuples, "tuple")) " and traced "
+            (many(sum(|log| log.shards_traced), "shard")) " in " (seconds(total)) " CPU seconds"
             @if tuples > 0 {
                 ": " b #cpu-per-tuple { (seconds(total / tuples as f64)) } " CPU seconds a tuple"
             }
-            ". Before they began to work (planning, and the golden shard that every machine traces first) they took "
-            (seconds(before)) " more. Their wall seconds add up to " (seconds(wall))
-            "; thread seconds of the stages, waiting included, to " (seconds(threads)) "."
+            ". Before the work, planning and the golden shard, which every machine traces first, took "
+            (seconds(before)) " more CPU seconds. The workers' wall seconds add up to " (seconds(wall))
+            ", the thread seconds of the stages, waiting included, to " (seconds(threads)) "."
             @if missing > 0 {
-                " Of " (grouped(missing)) " tuples there is no log: their worker was killed, is still running, or had an older \
-                version."
+                " No log has the cost of " (many(missing, "tuple")) ": their workers were killed, are still running, \
+                or have an older version."
             }
         }
         (bar(&stages, total))
@@ -64,7 +64,7 @@ fn all_seconds(survey: &Survey) -> Markup {
     }
 }
 
-/// Sums over all logs by stage; stages of later versions come last.
+/// Sums all logs by stage; stages of later versions come last.
 fn stages(logs: &[WorkLog]) -> Vec<Stage> {
     let mut stages: Vec<Stage> = STAGES.iter().map(|known| Stage::known(*known)).collect();
     for log in logs {
@@ -101,17 +101,17 @@ fn workers(logs: &[WorkLog]) -> Markup {
         cpu.map(|(_, s)| s).sum()
     };
     let end = |log: &WorkLog| match log.stopped.as_deref() {
-        None => "at the end".to_owned(),
-        Some("signal") => "by a signal".to_owned(),
-        Some("time_limit") => "time was up".to_owned(),
-        Some("drained") => "too many scenes failed".to_owned(),
-        Some("cancelled") => "the run was cancelled".to_owned(),
+        None => "no work left".to_owned(),
+        Some("signal") => "signal".to_owned(),
+        Some("time_limit") => "time limit".to_owned(),
+        Some("drained") => "too many failed scenes".to_owned(),
+        Some("cancelled") => "cancelled run".to_owned(),
         Some(other) => cut(other, 100),
     };
     let rows = html! {
         @for log in logs.iter().take(WORKERS_SHOWN) {
             tr {
-                td { (cut(&log.worker, 100)) small { @if log.is_child { "a process for one scene" } } }
+                td { (cut(&log.worker, 100)) small { @if log.is_child { "sandbox of one scene" } } }
                 td.n { (log.threads) }
                 td.n { (seconds(log.wall_s)) }
                 td.n { (seconds(cpu_s(log))) }
@@ -122,8 +122,7 @@ fn workers(logs: &[WorkLog]) -> Markup {
             }
         }
     };
-    let heads =
-        ["worker", "#threads", "#wall s", "#CPU s", "#tuples", "#shards", "version", "ended"];
+    let heads = ["worker", "#threads", "#wall s", "#CPU s", "#tuples", "#shards", "version", "end"];
     let rest = logs.len().saturating_sub(WORKERS_SHOWN);
     html! {
         (table("Workers", &heads, &rows))

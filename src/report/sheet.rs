@@ -1,4 +1,4 @@
-//! The contact sheet: some tuples, evenly drawn over the run, each with a map of its noise.
+//! The contact sheet: tuples at even distances in the run, each with its noise map.
 
 use super::noise_picture::{noise_picture, scale};
 use super::picture::{MUCH_SMALLER, QUALITY, decode_png, exact_img, img, shrunk};
@@ -16,21 +16,21 @@ use render::layer::Layer;
 use render::line::SceneLine;
 use render::merge::{LayerRecord, NoiseMap, TupleRecord};
 
-/// Tuples on the sheet.
+/// Maximum number of tuples on the sheet.
 const SHOWN: usize = 32;
-/// Largest sheet, bytes: larger pictures leave fewer rows.
+/// Maximum size of the sheet, bytes. Larger pictures leave space for fewer rows.
 const BUDGET: usize = 7 << 20;
-/// Factor of the second, brighter picture of the reflection.
+/// Brightness of the second picture of the reflection, relative to the first.
 const GAIN: f32 = 8.0;
-/// Longest side of a picture on the page, px; larger ones are scaled down.
+/// Maximum side of a picture on the page, px. Larger pictures are scaled down.
 const THUMBNAIL_PX: u32 = 256;
 
 pub(super) struct Sheet {
     pub(super) html: Markup,
     pub(super) shown: usize,
-    /// Tuples on it with a noise map.
+    /// Number of shown tuples with a noise map.
     pub(super) noise_maps: usize,
-    /// Tuples whose pictures cannot be shown, with the reason.
+    /// Scenes whose tuples cannot be shown, with the reason.
     pub(super) damaged: Vec<(SceneId, String)>,
 }
 
@@ -45,7 +45,7 @@ enum Lack {
     Damaged(SceneId, String),
 }
 
-/// Reads and draws tuples. Damaged ones are left out and listed.
+/// Reads and draws tuples. Lists damaged tuples instead of drawing them.
 pub(super) fn sheet(run: &Run, store: &Store, survey: &Survey) -> Result<Sheet, StoreError> {
     let drawn = evenly(survey.done.len(), SHOWN);
     let encoder = SrgbEncoder::new();
@@ -79,23 +79,22 @@ pub(super) fn sheet(run: &Run, store: &Store, survey: &Survey) -> Result<Sheet, 
 
 fn content(rows: &[&Row], done: usize, noise_maps: usize) -> Markup {
     if rows.is_empty() {
-        return html! { p.dim { "There is no tuple to show yet." } };
+        return html! { p.dim { "The run has no tuple yet." } };
     }
     html! {
         p {
-            (rows.len()) " of " (done) " tuples, evenly drawn over the manifest. Linear light, sRGB-coded and clipped at white \
-            for the screen, at most " (THUMBNAIL_PX) " px a side; JPEG of quality " (QUALITY)
-            " where that takes less than 1/" (MUCH_SMALLER) " of a PNG. "
-            b { "I" } " is the camera's image; " b { "T" } " the scene behind the glass, bent as by it; "
-            b { (PAPER_SYMBOLS[Layer::GlassReflection]) } " the scene reflected by both faces of the glass, through the lens; "
-            b { "R" } " the same without glass and lens. The error beside a layer is its stated RMS error over the film and \
-            its colours, linear radiance."
+            (rows.len()) " of " (done) " tuples, at even distances in the manifest. Linear light, sRGB-coded and clipped \
+            at white for the screen, at most " (THUMBNAIL_PX) " px a side; JPEG of quality " (QUALITY)
+            " where it takes less than 1/" (MUCH_SMALLER) " of the bytes of a PNG. "
+            b { "I" } " is the camera's image; " b { "T" } " is the scene behind the glass, bent but not weakened by it; "
+            b { (PAPER_SYMBOLS[Layer::GlassReflection]) } " is the scene reflected by both faces of the glass, through \
+            the lens; " b { "R" } " is the reflected scene without glass and lens. The error below a layer is its stated \
+            RMS error over film and colours, linear radiance."
         }
         @if noise_maps > 0 {
             p {
-                "A " b { "noise map" } " shows how far the means of each 2 \u{d7} 2 px moved when their samples were doubled \
-                for the last time (RMS over pixels and colours), scaled such that the RMS over all is the layer's stated \
-                error."
+                "A " b { "noise map" } " shows the change of the means of each 2 \u{d7} 2 px at the last doubling of \
+                their samples (RMS over pixels and colours), scaled so that the map's RMS is the layer's stated error."
             }
             div.scale { (scale()) }
         }
@@ -107,7 +106,7 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
     let damaged = |reason: String| Lack::Damaged(line.id.clone(), reason);
     let get = |file: &str| -> Result<Vec<u8>, Lack> {
         let bytes = store.get(&keys::tuple(&line.id, file)).map_err(Lack::Store)?;
-        let bytes = bytes.ok_or_else(|| damaged(format!("{file} is not there")))?;
+        let bytes = bytes.ok_or_else(|| damaged(format!("{file} is missing")))?;
         Ok(bytes.to_vec())
     };
     let record = parse(line, &get("tuple.json")?).map_err(damaged)?;
@@ -128,7 +127,7 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
             let alt = format!("{name} of {id}, {GAIN} times as bright");
             let tag = img(&brightened(picture, encoder), &alt).map_err(wrong)?;
             let symbol = format!("{symbol} \u{d7} {GAIN}");
-            figures.push(figure(&tag, &symbol, "to see it", None));
+            figures.push(figure(&tag, &symbol, "brightened", None));
         }
     }
     let noise = if has_map { noise(line, store)? } else { None };
@@ -142,7 +141,7 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
             @match &noise {
                 Some(Ok(_)) => {}
                 Some(Err(reason)) => {
-                    p.dim { "Its noise map cannot be read (" (reason) "); nothing else depends on it." }
+                    p.dim { "Its noise map cannot be read (" (reason) "); nothing else depends on the map." }
                 }
                 None => { p.dim { "It has no noise map." } }
             }
@@ -151,7 +150,7 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
     Ok(Row { html, has_map: matches!(noise, Some(Ok(_))) })
 }
 
-/// Stated error and shares of a layer.
+/// Formats the stated error and the shares of a layer.
 fn numbers(layer: &LayerRecord) -> Markup {
     let shares = [("missed", layer.miss_share), ("clipped", layer.clipped_share)];
     html! {
@@ -165,10 +164,10 @@ fn numbers(layer: &LayerRecord) -> Markup {
     }
 }
 
-/// A map as `<img>` and the order of its parts, or the error of reading it.
+/// A noise map as `<img>` and the order of its parts, or the error of reading the map.
 type Map = Result<(Markup, String), String>;
 
-/// The scene's noise map, if it exists.
+/// Draws the scene's noise map, if it exists.
 fn noise(line: &SceneLine, store: &Store) -> Result<Option<Map>, Lack> {
     let bytes = store.get(&keys::noise(&line.id)).map_err(Lack::Store)?;
     let draw = |bytes: &[u8]| {
@@ -181,7 +180,7 @@ fn noise(line: &SceneLine, store: &Store) -> Result<Option<Map>, Lack> {
     Ok(bytes.map(|bytes| draw(&bytes)))
 }
 
-/// Parameters of the scene.
+/// Formats the parameters of the scene.
 fn parameters(record: &TupleRecord) -> String {
     let glass = &record.scene.glass;
     let focus =
@@ -214,7 +213,7 @@ fn figure(tag: &Markup, symbol: &str, name: &str, numbers: Option<&Markup>) -> M
     }
 }
 
-/// The reflection as if the back scene were [`GAIN`] times as bright, from its 8-bit picture.
+/// Multiplies the radiance of an 8-bit picture by [`GAIN`], as if the back scene were brighter.
 fn brightened(mut picture: RgbImage, encoder: &SrgbEncoder) -> RgbImage {
     let codes: Vec<u8> =
         (0..=255u8).map(|code| encoder.encode(srgb_to_linear(code) * GAIN)).collect();

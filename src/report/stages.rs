@@ -1,4 +1,4 @@
-//! The stages of a worker's time: names, colours, a stacked bar.
+//! Stages of a worker's time: names, colours, a stacked bar.
 
 use crate::plot::{Axis, plot};
 use maud::{Markup, html};
@@ -6,16 +6,16 @@ use maud::{Markup, html};
 /// Name, colour (Okabe and Ito, and greys) and description of each stage.
 pub(super) const STAGES: [(&str, &str, &str); 8] = [
     ("read", "#CC79A7", "input files"),
-    ("decode", "#E69F00", "pictures and depth become a scene"),
-    ("trace", "#0072B2", "samples become partials"),
-    ("checkpoint", "#D55E00", "partials that were written"),
-    ("merge", "#56B4E9", "partials become a tuple"),
-    ("encode", "#009E73", "EXR and PNGs, and the noise map"),
-    ("write", "#B8A800", "tuples into the store"),
+    ("decode", "#E69F00", "pictures and depth to scenes"),
+    ("trace", "#0072B2", "samples to partials"),
+    ("checkpoint", "#D55E00", "partials to the store"),
+    ("merge", "#56B4E9", "partials to tuples"),
+    ("encode", "#009E73", "EXR, PNGs and noise maps"),
+    ("write", "#B8A800", "tuples to the store"),
     ("rest", "#9A9A9A", "queue, leases, the store's own threads"),
 ];
 
-/// The stage before work begins: starting, planning, the golden shard. No part of the cost of tuples.
+/// Name of the stage before work begins: starting, planning, the golden shard. It is no part of the cost of tuples.
 pub(super) const BEFORE: &str = "before";
 
 /// Colour of stages that this version does not know.
@@ -35,7 +35,7 @@ impl Stage {
         Self { name: name.to_owned(), colour, what, cpu_s: 0.0, thread_s: 0.0 }
     }
 
-    /// The stage of that name, added if it is missing.
+    /// Returns the stage `name`; adds it if it is missing.
     pub(super) fn named<'a>(stages: &'a mut Vec<Self>, name: &str) -> &'a mut Self {
         let place = stages.iter().position(|stage| stage.name == name);
         let place = place.unwrap_or_else(|| {
@@ -46,7 +46,7 @@ impl Stage {
     }
 }
 
-/// CPU seconds as a bar of parts.
+/// Draws the CPU seconds of the stages as a stacked bar.
 pub(super) fn bar(stages: &[Stage], total: f64) -> Markup {
     const SIZE: [f64; 2] = [480.0, 76.0];
     const HEIGHT: f64 = 30.0;
@@ -69,7 +69,7 @@ pub(super) fn bar(stages: &[Stage], total: f64) -> Markup {
             rect x=(format_args!("{left:.2}")) y="2" width=(format_args!("{width:.2}")) height=(HEIGHT) fill=(stage.colour) {
                 title { (stage.name) " " (format_args!("{:.2}", stage.cpu_s)) " CPU s" }
             }
-            // Only where the name has room.
+            // Labels only a part that is wide enough for its name.
             @if width > 8.0 * stage.name.len() as f64 + 50.0 {
                 text x=(format_args!("{:.1}", left + width / 2.0)) y="21" text-anchor="middle" fill="#fff" {
                     (stage.name) " " (format_args!("{:.0} %", 100.0 * share))
@@ -80,7 +80,7 @@ pub(super) fn bar(stages: &[Stage], total: f64) -> Markup {
             path d=(format_args!("M{:.1} {}v4", tick.at, HEIGHT + 2.0)) stroke="currentColor" {}
             text x=(format_args!("{:.1}", tick.at)) y="50" text-anchor="middle" { (tick.label) }
         }
-        text x=(axis.ends[1]) y="70" text-anchor="end" { "% of the CPU seconds, without starting" }
+        text x=(axis.ends[1]) y="70" text-anchor="end" { "% of the CPU seconds after the start" }
     };
     html! { div.stack { (plot(SIZE, &label, &content)) } }
 }
@@ -99,7 +99,7 @@ mod tests {
         assert!(svg.contains("width=\"337.50\"") && svg.contains("width=\"112.50\""));
         assert!(svg.contains("trace 75 %") && svg.contains("&lt;new&gt; 25.0 %"));
         assert!(!svg.contains("<new>"));
-        // A bar of nothing has no parts.
+        // A bar without CPU seconds has no parts.
         assert!(!bar(&stages[..1], 0.0).into_string().contains("<rect"));
     }
 }

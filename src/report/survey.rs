@@ -1,4 +1,4 @@
-//! The report's data from a run's store, read once.
+//! Reads the report's data from a run's store, once.
 
 use crate::run::{Run, Scope, Snapshot, Status, WorkLog, keys, read_logs};
 use crate::store::{Store, StoreError};
@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 
 pub(super) struct Survey {
     pub(super) status: Status,
-    /// Scenes with a usable tuple, in the manifest's order.
+    /// Scenes with a usable tuple, in the order of the manifest.
     pub(super) done: Vec<DoneScene>,
     /// Scenes whose tuples cannot be used, with the reason.
     pub(super) damaged: Vec<(SceneId, String)>,
@@ -25,22 +25,22 @@ pub(super) struct Survey {
 
 /// A scene with a tuple.
 pub(super) struct DoneScene {
-    /// Its index in the manifest.
+    /// Index in the manifest.
     pub(super) index: usize,
-    /// I, T, R~, R; `None` if a layer was not made.
+    /// Facts of I, T, R~, R; `None` if a layer was not made.
     pub(super) layers: [Option<LayerFacts>; 4],
 }
 
-/// The entries of a layer in `tuple.json` that are kept for all scenes.
+/// Entries of a layer in `tuple.json`, kept in memory for all scenes.
 pub(super) struct LayerFacts {
-    /// Samples a pixel; for an adaptive scene the mean.
+    /// Samples a pixel; for an adaptive scene, their mean.
     pub(super) samples: f64,
     /// Stated RMS error, linear; `None` for one sample.
     pub(super) error_rms: Option<f64>,
 }
 
 impl Survey {
-    /// Reads every record, and no picture.
+    /// Reads every record, but no picture.
     pub(super) fn of(run: &Run, store: &Store) -> Result<Self, StoreError> {
         let snapshot = Snapshot::take(run, store, Scope::STATUS)?;
         let listed: BTreeSet<String> = store.list(keys::TUPLES)?.into_iter().collect();
@@ -61,7 +61,7 @@ impl Survey {
             let index = indices[at];
             let line = &run.lines[index];
             match bytes.map(|bytes| facts(line, &bytes, &listed)) {
-                // Removed since the listing.
+                // The record was removed after the listing.
                 None => {}
                 Some(Ok(layers)) => survey.done.push(DoneScene { index, layers }),
                 Some(Err(reason)) => survey.damaged.push((line.id.clone(), reason)),
@@ -76,7 +76,7 @@ impl Survey {
     }
 }
 
-/// The layers of a scene's `tuple.json`, or the damage of its tuple.
+/// Returns the layers of a scene's `tuple.json`; the error is the damage of the tuple.
 fn facts(
     line: &SceneLine,
     bytes: &[u8],
@@ -86,7 +86,7 @@ fn facts(
     if let Some(file) =
         tuple_files(line).into_iter().find(|file| !listed.contains(&keys::tuple(&line.id, file)))
     {
-        return Err(format!("{file} is not there"));
+        return Err(format!("{file} is missing"));
     }
     Ok(Layer::NAMES.map(|name| {
         let layer = record.layers.get(name)?;
@@ -97,16 +97,16 @@ fn facts(
     }))
 }
 
-/// The record of this line's tuple.
+/// Parses `tuple.json` and checks that it belongs to the line.
 pub(super) fn parse(line: &SceneLine, bytes: &[u8]) -> Result<TupleRecord, String> {
-    let record: TupleRecord = serde_json::from_slice(bytes)
-        .map_err(|e| format!("tuple.json cannot be understood: {e}"))?;
+    let record: TupleRecord =
+        serde_json::from_slice(bytes).map_err(|e| format!("tuple.json cannot be read: {e}"))?;
     if record.scene != *line {
-        return Err("tuple.json is of another plan".to_owned());
+        return Err("tuple.json belongs to another plan".to_owned());
     }
     if record.tracer_version != TRACER_VERSION {
         return Err(format!(
-            "tuple.json is of version {} of the tracer, the run of {TRACER_VERSION}",
+            "tuple.json has tracer version {}, the run has {TRACER_VERSION}",
             record.tracer_version
         ));
     }

@@ -1,19 +1,18 @@
 //! Small pieces of HTML.
 
-use crate::text::grouped;
 use maud::{Markup, html};
 
-/// A number as text, with its exact value for programs that read the page.
+/// Formats a number as text, with its exact value for programs that read the page.
 pub(super) fn exact(value: f64, text: &str) -> Markup {
     html! { data value=(value) { (text) } }
 }
 
-/// An error of linear radiance.
+/// Formats an error of linear radiance.
 pub(super) fn error(value: f64) -> Markup {
     exact(value, &format!("{value:.2e}"))
 }
 
-/// Seconds with about three significant digits.
+/// Formats seconds with about three significant digits.
 pub(super) fn seconds(value: f64) -> Markup {
     let digits = match value {
         v if v < 1.0 => 3,
@@ -23,7 +22,7 @@ pub(super) fn seconds(value: f64) -> Markup {
     exact(value, &format!("{value:.digits$}"))
 }
 
-/// A table in a scrollable region. A head that starts with `#` marks a column of numbers.
+/// Draws a table in a scrollable region. A head that starts with `#` marks a column of numbers.
 pub(super) fn table<H: AsRef<str>>(label: &str, heads: &[H], rows: &Markup) -> Markup {
     html! {
         div.box role="region" aria-label=(label) tabindex="0" {
@@ -42,19 +41,13 @@ pub(super) fn table<H: AsRef<str>>(label: &str, heads: &[H], rows: &Markup) -> M
     }
 }
 
-/// `1 log`, `1,234 logs`.
-pub(super) fn counted(count: u64, what: &str) -> String {
-    let s = if count == 1 { "" } else { "s" };
-    format!("{} {what}{s}", grouped(count))
-}
-
-/// Indices of at most `count` of `all`, evenly spaced.
+/// Returns at most `count` evenly spaced indices below `all`.
 pub(super) fn evenly(all: usize, count: usize) -> Vec<usize> {
     let taken = all.min(count);
     (0..taken).map(|k| k * all / taken).collect()
 }
 
-/// The quantile at `share`, 0 to 1, of sorted values; NaN if there are none.
+/// Returns the quantile at `share`, 0 to 1, of sorted values; NaN without values.
 pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
     let last = sorted.len().saturating_sub(1);
     let place = (share * last as f64).round() as usize;
@@ -75,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_given_values() {
+    fn a_quantile_is_one_of_the_values() {
         let values = [1.0, 2.0, 3.0, 4.0, 50.0];
         assert_eq!(quantile(&values, 0.5), 3.0);
         assert_eq!(quantile(&values, 0.95), 50.0);

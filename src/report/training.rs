@@ -1,4 +1,4 @@
-//! The training in the report: curves and pictures.
+//! Curves and pictures of the training.
 
 use super::evaluation::grid;
 use crate::plot::{Axis, Panel, Stroke, number, plot};
@@ -6,18 +6,18 @@ use maud::{Markup, html};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Size of a curve, px of its own coordinates, and its area.
+/// Size of a curve's picture and ends of its axes, in SVG user units.
 const SIZE: [f64; 2] = [480.0, 230.0];
 const X_ENDS: [f64; 2] = [60.0, 466.0];
 const Y_ENDS: [f64; 2] = [182.0, 30.0];
 
-/// Most points of a curve; each is a mean.
+/// Maximum number of points of a curve. A longer curve shows means of consecutive points.
 const POINTS: usize = 240;
 
-/// A number at a step.
+/// Step and value.
 type Point = (f64, f64);
 
-/// Curves and the newest pictures of both stages.
+/// Draws the section: curves and the newest pictures of both stages.
 pub(super) fn training(run: &Path) -> Markup {
     let stages = [
         ("backtrack", "BT-net alone", "R\u{303}, R*, R"),
@@ -28,12 +28,12 @@ pub(super) fn training(run: &Path) -> Markup {
         .filter_map(|(name, title, columns)| stage(&run.join("train").join(name), title, columns))
         .collect();
     html! {
-        @if trained.is_empty() { p.dim { "Nothing was trained on this run in this folder." } }
+        @if trained.is_empty() { p.dim { "Nothing was trained in this folder." } }
         @for stage in trained { (stage) }
     }
 }
 
-/// Curves and the newest pictures of a stage, if it was trained.
+/// Draws the curves and the newest pictures of a stage, if it was trained.
 fn stage(folder: &Path, title: &str, columns: &str) -> Option<Markup> {
     let csv = fs::read_to_string(folder.join("metrics.csv")).ok()?;
     Some(html! {
@@ -52,7 +52,7 @@ fn stage(folder: &Path, title: &str, columns: &str) -> Option<Markup> {
     })
 }
 
-/// A column of `metrics.csv`, by step.
+/// Reads a column of `metrics.csv`, by step.
 fn column(csv: &str, name: &str) -> Vec<Point> {
     let mut lines = csv.lines();
     let head: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
@@ -68,7 +68,7 @@ fn column(csv: &str, name: &str) -> Vec<Point> {
     lines.filter_map(point).collect()
 }
 
-/// A curve as SVG; many points are averaged.
+/// Draws a curve as SVG, from means of consecutive points if there are more than [`POINTS`].
 fn curve(name: &str, unit: &str, points: &[Point]) -> Markup {
     let at_once = points.len().div_ceil(POINTS).max(1);
     let means: Vec<Point> = points
@@ -116,7 +116,7 @@ fn curve(name: &str, unit: &str, points: &[Point]) -> Markup {
     plot(SIZE, &label, &content)
 }
 
-/// The newest grid of pictures, with its step.
+/// Reads the newest grid of pictures, with its step.
 fn newest_picture(folder: &Path) -> Option<(u64, Vec<u8>)> {
     let entries = fs::read_dir(folder.join("pictures")).ok()?;
     let step = |path: &PathBuf| -> Option<u64> {
@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_are_read_by_name_and_gaps_are_left_out() {
+    fn columns_are_found_by_name_and_gaps_are_skipped() {
         let csv = "step,total,validation_psnr_db,wall_s\n1,0.5,,0.1\n2,0.25,20.5,0.1\nx,1\n3,NaN,21,0.1\n";
         assert_eq!(column(csv, "total"), [(1.0, 0.5), (2.0, 0.25)]);
         assert_eq!(column(csv, "validation_psnr_db"), [(2.0, 20.5), (3.0, 21.0)]);

@@ -2,7 +2,7 @@
 
 use render::ids::SceneId;
 
-/// Shortest token. Failed attempts are not limited, so a token must not be guessable.
+/// Minimum length of a token. Failed attempts are not limited, so a token must not be guessable.
 pub const MIN_TOKEN_CHARACTERS: usize = 16;
 
 /// A change of a run's state.
@@ -23,13 +23,13 @@ pub enum Action {
 pub(super) struct Token(blake3::Hash);
 
 impl Token {
-    /// `None` if it is too short.
+    /// Returns `None` if the text is too short.
     pub(super) fn new(text: &str) -> Option<Self> {
         (text.chars().count() >= MIN_TOKEN_CHARACTERS).then(|| Self(blake3::hash(text.as_bytes())))
     }
 
-    /// Whether the value of an `Authorization` header contains this token. The comparison of digests takes constant
-    /// time, so that the time reveals neither the length nor a correct prefix of a guess.
+    /// True if the value of an `Authorization` header contains this token. The comparison of digests takes constant time,
+    /// so that the time reveals neither the token's length nor a correct prefix of a guess.
     pub(super) fn opens(&self, authorization: &[u8]) -> bool {
         let Some((scheme, given)) = authorization.split_at_checked(7) else {
             return false;

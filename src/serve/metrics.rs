@@ -1,4 +1,4 @@
-//! `/metrics`: a view in Prometheus's text format, version 0.0.4.
+//! Formats a view for `/metrics`, in Prometheus's text format, version 0.0.4.
 
 use super::view::{FarmView, WorkerState, WorkerView};
 use crate::run::RunState;
@@ -8,57 +8,57 @@ use std::fmt::Write;
 /// The content type that scrapers expect.
 pub(super) const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
 
-/// All metrics of a view. An unknown number has no sample.
+/// Formats all metrics of a view. A metric with an unknown value has no sample.
 pub(super) fn metrics(view: &FarmView) -> String {
     let mut out = Out(String::new());
     out.family("run_info", "gauge", "The run; always 1.");
     let labels = [("name", view.name.as_str()), ("run", &view.run), ("version", &view.version)];
     out.sample("run_info", &labels, 1.0);
-    out.family("run_state", "gauge", "1 for the present state of the run.");
+    out.family("run_state", "gauge", "1 for the current state of the run.");
     for state in RunState::ALL {
         let is_it = u8::from(state == view.state);
         out.sample("run_state", &[("state", state.name())], is_it.into());
     }
     let counts = [
-        ("scenes", "Scenes of the run.", view.scenes.total),
-        ("scenes_done", "Scenes with a tuple.", view.scenes.done),
-        ("scenes_quarantined", "Scenes in quarantine.", view.quarantined),
-        ("shards", "Shards of the run.", view.shards.total),
-        ("shards_done", "Shards done.", view.shards.done),
+        ("scenes", "Number of scenes in the run.", view.scenes.total),
+        ("scenes_done", "Number of scenes with a tuple.", view.scenes.done),
+        ("scenes_quarantined", "Number of scenes in quarantine.", view.quarantined),
+        ("shards", "Number of shards in the run.", view.shards.total),
+        ("shards_done", "Number of finished shards.", view.shards.done),
     ];
     for (name, help, count) in counts {
         out.one(name, help, Some(count as f64));
     }
     out.one(
         "scenes_per_second",
-        "Scenes finished a second, over the last minutes.",
+        "Finished scenes per second, over the last minutes.",
         view.rate_scenes_per_s,
     );
     out.one("eta_seconds", "Seconds until the last tuple at this rate.", view.eta_s);
     let connected = Some(u8::from(view.queue.connected).into());
     out.one("queue_connected", "1 if the coordinator is connected to the queue.", connected);
     let waiting = view.queue.spans_waiting.map(|n| n as f64);
-    out.one("queue_spans_waiting", "Tasks that no worker holds.", waiting);
+    out.one("queue_spans_waiting", "Number of tasks that no worker holds.", waiting);
     let held = view.queue.spans_held.map(|n| n as f64);
-    out.one("queue_spans_held", "Tasks that a worker holds.", held);
+    out.one("queue_spans_held", "Number of tasks that workers hold.", held);
     workers(&mut out, &view.workers);
     let newest = view.recent.iter().map(|tuple| tuple.age_s);
     out.one(
         "last_tuple_age_seconds",
-        "Seconds since a tuple was finished.",
+        "Seconds since the last tuple was finished.",
         newest.min_by(f64::total_cmp),
     );
     out.0
 }
 
 fn workers(out: &mut Out, workers: &[WorkerView]) {
-    out.family("workers", "gauge", "Workers by state.");
+    out.family("workers", "gauge", "Number of workers in each state.");
     for state in WorkerState::ALL {
         let count = workers.iter().filter(|w| w.state == state).count();
         out.sample("workers", &[("state", state.name())], count as f64);
     }
-    // A scraper rejects the whole page if a series occurs twice. Of two workers with one name on one host, keep the one
-    // with the latest progress.
+    // A scraper rejects the whole page if a series occurs twice. If two workers have the same name and host, the worker
+    // with the latest progress remains.
     let mut named: BTreeMap<[&str; 2], &WorkerView> = BTreeMap::new();
     for worker in workers {
         let place = named.entry([&worker.name, &worker.host]).or_insert(worker);
@@ -74,7 +74,7 @@ fn workers(out: &mut Out, workers: &[WorkerView]) {
     out.family(
         "worker_shards_done_total",
         "counter",
-        "Shards that a worker has traced since it started.",
+        "Number of shards that a worker has traced since it started.",
     );
     for ([name, host], worker) in &named {
         let labels = [("worker", *name), ("host", *host)];
@@ -90,7 +90,7 @@ fn workers(out: &mut Out, workers: &[WorkerView]) {
 
 struct Out(String);
 
-/// The value of a label, without its quotes.
+/// Escapes the value of a label.
 fn label(text: &str) -> String {
     let text = text.replace('\\', "\\\\").replace('"', "\\\"");
     text.replace('\n', "\\n")
@@ -111,7 +111,7 @@ impl Out {
         let _ = writeln!(self.0, "glasshouse_{name}{labels} {value}");
     }
 
-    /// A gauge without labels.
+    /// Adds a gauge without labels, if its value is known.
     fn one(&mut self, name: &str, help: &str, value: Option<f64>) {
         if let Some(value) = value {
             self.family(name, "gauge", help);

@@ -1,9 +1,9 @@
 //! A coordinator's HTTP server: a page for people, JSON for scripts, metrics for Prometheus.
 //!
-//! [`FarmView`] is plain data with ages in seconds. A [`FarmSource`] provides it: [`WatchedRun`] from a coordinator's
-//! observations. [`serve`] answers requests with it. A run can be changed only with the token: the source then carries
-//! out an [`Action`]. Names from a request reach a disk or a store only as a [`render::ids::SceneId`] and one of
-//! [`render::layer::Layer::NAMES`].
+//! [`FarmView`] is plain data with ages in seconds. A [`FarmSource`] provides views; [`WatchedRun`] makes them from a
+//! coordinator's observations. [`serve`] answers requests with views. Only a request with the token can change a run:
+//! it makes the source carry out an [`Action`]. Names from a request reach a disk or a store only as a
+//! [`render::ids::SceneId`] and one of [`render::layer::Layer::NAMES`].
 
 mod action;
 mod metrics;

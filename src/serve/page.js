@@ -38,8 +38,8 @@ async function refresh() {
     heard = Date.now();
     note.hidden = true;
   } catch {
-    note.textContent = `No answer from the coordinator for ${Math.round((Date.now() - heard) / 1000)} s: ` +
-      "the page shows the last known state. A coordinator exits when its run is finished.";
+    note.textContent = `The coordinator has not answered for ${Math.round((Date.now() - heard) / 1000)} s. ` +
+      "The page shows the last known state. A coordinator exits when its run is finished.";
     note.hidden = false;
   }
   timer = setTimeout(refresh, 2000);

@@ -1,7 +1,7 @@
-//! The status page: one self-contained HTML file, drawn from a view.
+//! Draws the status page from a view, as one self-contained HTML file.
 //!
-//! It is complete without its script. The script fetches the changing part every two seconds, drawn by the same code,
-//! and replaces the differences. Long lists are shortened.
+//! The page is complete without its script. The script fetches the changing part every two seconds, drawn by the same
+//! code, and replaces the differences. The page shortens long lists.
 
 use super::view::{FarmView, QuarantinedScene, RecentTuple, WorkerState, WorkerView};
 use crate::plot::PAPER_SYMBOLS;
@@ -10,19 +10,19 @@ use crate::text::{cut, duration, grouped, percent, printable, rate};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use render::layer::Layer;
 
-/// Workers on the page, the most urgent first.
+/// Maximum number of workers on the page; the most urgent come first.
 const WORKERS_SHOWN: usize = 100;
-/// Scenes in quarantine on the page.
+/// Maximum number of scenes in quarantine on the page.
 const QUARANTINED_SHOWN: usize = 50;
-/// Tuples on the page.
+/// Maximum number of tuples on the page.
 const TUPLES_SHOWN: usize = 6;
-/// Characters of a reason and of a log's end on the page.
+/// Maximum length of a reason and of a log's end on the page, in characters.
 const TEXT_SHOWN: usize = 2000;
 
 const STYLE: &str = concat!(include_str!("look.css"), include_str!("page.css"));
 const SCRIPT: &str = include_str!("page.js");
 
-/// The page. `nonce` marks its style and script; `can_act` shows buttons, which ask for the token.
+/// Draws the page. `nonce` marks style and script; `can_act` adds buttons, which ask for the token.
 pub(super) fn page(view: &FarmView, nonce: &str, can_act: bool) -> String {
     let page = html! {
         (DOCTYPE)
@@ -53,7 +53,7 @@ pub(super) fn page(view: &FarmView, nonce: &str, can_act: bool) -> String {
     printable(page.into_string())
 }
 
-/// The changing parts of a page: its title, and the element with all content except frame and dialog.
+/// Draws the changing parts of a page: the title, and the element with all content except frame and dialog.
 pub(super) fn live(view: &FarmView, can_act: bool) -> String {
     let parts = html! { (title(view)) (changing(view, can_act)) };
     printable(parts.into_string())
@@ -77,7 +77,7 @@ fn changing(view: &FarmView, can_act: bool) -> Markup {
     }
 }
 
-/// The confirmation of a button. The token stays in its field, in memory, until the page is left.
+/// Draws the dialog that confirms a button. The token stays in its field, in memory, until the user leaves the page.
 fn dialog() -> Markup {
     html! {
         dialog #ask {
@@ -89,7 +89,7 @@ fn dialog() -> Markup {
             p.bad #refusal role="alert" {}
             p { button #go { "Yes" } " " button #leave { "No" } }
         }
-        noscript { "The buttons need a script; " code { "glasshouse pause RUN" } " does not." }
+        noscript { "The buttons need JavaScript; " code { "glasshouse pause RUN" } " works without." }
     }
 }
 
@@ -132,14 +132,14 @@ fn alerts(view: &FarmView) -> Markup {
         }
         @if view.state == RunState::Running && view.workers.iter().all(is_silent) {
             div.card.alert data-key="workers" {
-                b.bad { "No worker." } " Nothing is traced until one starts: "
+                b.bad { "No worker." } " The run continues when a worker starts: "
                 code { "glasshouse work RUN --queue URL" }
             }
         }
     }
 }
 
-/// A reason with a full stop.
+/// Shortens a reason and ends it with a full stop.
 fn sentence(reason: &str) -> String {
     let reason = cut(reason, TEXT_SHOWN);
     if reason.ends_with(['.', '!', '?']) { reason } else { reason + "." }
@@ -148,7 +148,7 @@ fn sentence(reason: &str) -> String {
 fn progress(view: &FarmView) -> Markup {
     let scenes = view.scenes;
     let done = percent(scenes.done, scenes.total);
-    // At least wide enough to be visible.
+    // The bar of lost scenes is at least wide enough to be visible.
     let lost = match (view.quarantined, scenes.total) {
         (0, _) | (_, 0) => 0.0,
         (lost, total) => (lost as f64 / total as f64 * 100.0).clamp(0.3, 100.0),
@@ -342,7 +342,7 @@ fn quarantined_scene(record: &QuarantinedScene, can_act: bool) -> Markup {
     }
 }
 
-/// The number of entries that are not shown.
+/// Draws the number of entries that are not shown.
 fn more(all: u64, shown: usize, what: &str) -> Markup {
     let rest = all.saturating_sub(shown as u64);
     html! {
@@ -352,7 +352,7 @@ fn more(all: u64, shown: usize, what: &str) -> Markup {
     }
 }
 
-/// At most the last `limit` characters of a text.
+/// Returns the last `limit` characters of a text, after an ellipsis if the text is longer.
 fn end(text: &str, limit: usize) -> String {
     match text.chars().count().saturating_sub(limit) {
         0 => text.to_owned(),

@@ -1,4 +1,4 @@
-//! Routes: refused requests, and the answers to all others.
+//! Routes of the server: refuses requests or answers them.
 
 use super::action::{Action, Token};
 use super::server::FarmSource;
@@ -21,15 +21,15 @@ use std::time::Duration;
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
-/// Time limit of the source's answer.
+/// Time limit for an answer of the source.
 const SOURCE_LIMIT: Duration = Duration::from_secs(20);
-/// Concurrent calls of the source, separately for pictures and for all other requests, so that a slow store does not
-/// delay the numbers.
+/// Maximum number of concurrent calls of the source. Pictures have a limit of their own, so that a slow store does not
+/// delay other requests.
 const CALLS: usize = 8;
-/// Longest body of a request; no route needs one.
+/// Maximum length of a request's body; no route needs a body.
 const BODY_BYTES: u64 = 4096;
 
-/// State of every request.
+/// State that all requests share.
 #[derive(Clone)]
 struct App {
     source: Arc<dyn FarmSource>,
@@ -39,7 +39,7 @@ struct App {
     picture_calls: Arc<Semaphore>,
 }
 
-/// A refusal: a status and a sentence.
+/// Status and message of a refused request.
 type Refusal = (StatusCode, String);
 
 pub(super) fn router(
@@ -65,7 +65,7 @@ pub(super) fn router(
         .route("/api/resume", post(resume))
         .route("/api/cancel", post(cancel))
         .route("/api/retry/{scene}", post(retry))
-        .fallback(async || refuse(StatusCode::NOT_FOUND, "nothing is here; try /"))
+        .fallback(async || refuse(StatusCode::NOT_FOUND, "no such page; try /"))
         .layer(from_fn_with_state(app.clone(), guard))
         .with_state(app)
 }
@@ -101,7 +101,7 @@ impl App {
         if !self.is_ours(request) {
             return Err(refuse(
                 StatusCode::FORBIDDEN,
-                "this name is not this server's: it listens on this machine only, open it as localhost or 127.0.0.1",
+                "wrong host name: the server listens on this machine only, open it as localhost or 127.0.0.1",
             ));
         }
         let length = headers.get(header::CONTENT_LENGTH);
@@ -112,9 +112,9 @@ impl App {
         Ok(())
     }
 
-    /// A server on a loopback address must be asked for a loopback name. Any other name comes from a foreign page that
-    /// points its own name to this address (DNS rebinding). The port is not compared, because a tunnel may use another
-    /// one.
+    /// True if the request names this server. On a loopback address, only loopback names count: any other name comes from
+    /// a foreign page that points its own name to this address (DNS rebinding). The port is not compared, because a
+    /// tunnel may use another port.
     fn is_ours(&self, request: &Request) -> bool {
         if !self.listens_on.is_loopback() {
             return true;
@@ -142,7 +142,7 @@ impl App {
             && (name.eq_ignore_ascii_case("localhost") || address.parse().is_ok_and(is_our_address))
     }
 
-    /// Asks the source on a thread that may block.
+    /// Calls the source on a thread that may block.
     async fn ask<T: Send + 'static>(
         &self,
         places: &Arc<Semaphore>,
@@ -162,7 +162,7 @@ impl App {
             Ok(Some(answer)) => Ok(answer),
             Ok(None) => Err(refuse(
                 StatusCode::INTERNAL_SERVER_ERROR,
-                "the coordinator failed to answer; see its log",
+                "the coordinator failed; see its log",
             )),
             Err(_) => Err(refuse(
                 StatusCode::GATEWAY_TIMEOUT,
@@ -175,7 +175,7 @@ impl App {
         self.ask(&self.calls, |source| source.view()).await
     }
 
-    /// An error if the request carries no valid token.
+    /// Fails if the request carries no valid token.
     fn authorize(&self, headers: &HeaderMap) -> Result<(), Refusal> {
         let Some(token) = &self.token else {
             return Err(refuse(
@@ -185,8 +185,8 @@ impl App {
         };
         let sentence = match headers.get(header::AUTHORIZATION) {
             Some(value) if token.opens(value.as_bytes()) => return Ok(()),
-            Some(_) => "wrong token: send the coordinator's as `Authorization: Bearer TOKEN`",
-            None => "no token: send the coordinator's as `Authorization: Bearer TOKEN`",
+            Some(_) => "wrong token: send the coordinator's token as `Authorization: Bearer TOKEN`",
+            None => "no token: send the coordinator's token as `Authorization: Bearer TOKEN`",
         };
         Err(refuse(StatusCode::FORBIDDEN, sentence))
     }
@@ -207,7 +207,7 @@ async fn index(State(app): State<App>) -> Result<Response, Refusal> {
     if getrandom::fill(&mut random).is_err() {
         return Err(refuse(
             StatusCode::INTERNAL_SERVER_ERROR,
-            "the system has no random numbers for the page's nonce; /api/view needs none",
+            "the system has no random numbers for the page; /api/view needs none",
         ));
     }
     let nonce = STANDARD.encode(random);
@@ -223,7 +223,7 @@ async fn index(State(app): State<App>) -> Result<Response, Refusal> {
     Ok((headers, html).into_response())
 }
 
-/// The changing part of the page, for its script.
+/// Serves the changing part of the page to its script.
 async fn live(State(app): State<App>) -> Result<Response, Refusal> {
     let html = page::live(&app.view().await?, app.token.is_some());
     Ok(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], html).into_response())

@@ -1,4 +1,4 @@
-//! Sockets: limits of connections, and the end of the server.
+//! Starts and stops the server, and limits its connections.
 
 use super::action::{Action, MIN_TOKEN_CHARACTERS, Token};
 use super::routes::router;
@@ -17,32 +17,32 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{Semaphore, oneshot};
 use tokio::time::{sleep, timeout};
 
-/// Concurrent connections; further ones wait.
+/// Maximum number of concurrent connections; further connections wait.
 const MAX_CONNECTIONS: usize = 256;
-/// Time limit of a request's head and of an idle connection.
+/// Time limit for a request's head and for an idle connection.
 const HEAD_LIMIT: Duration = Duration::from_secs(10);
-/// Bytes of a request's head.
+/// Maximum length of a request's head, bytes.
 const HEAD_BYTES: usize = 16 << 10;
-/// Lines of a request's head.
+/// Maximum number of lines in a request's head.
 const HEAD_LINES: usize = 64;
-/// A connection accepts no request after this time, so that a slow client cannot keep it.
+/// Age at which a connection accepts no more requests, so that a slow client cannot keep it.
 const CONNECTION_LIMIT: Duration = Duration::from_mins(1);
-/// Time limit of its last answer.
+/// Time limit for the last answer on a connection.
 const LAST_ANSWER_LIMIT: Duration = Duration::from_secs(10);
 
-/// The source of views and the receiver of actions. Called from several threads concurrently. Calls may block (the
-/// caller waits for at most 20 s), but a hung call occupies one of few slots.
+/// The source of views and the receiver of actions. Several threads call it concurrently. Calls may block (the caller
+/// waits for at most 20 s), but a hung call occupies one of few slots.
 pub trait FarmSource: Send + Sync {
-    /// The present state of the run. Called every two seconds for each open page, so it must be cheap.
+    /// Returns the current state of the run. Each open page causes a call every two seconds, so a call must be cheap.
     fn view(&self) -> FarmView;
-    /// A small PNG of a layer of a scene's tuple (about 256 px wide); `None` if there is none. `layer` is one of
+    /// Returns a small PNG of a layer of a scene's tuple (about 256 px wide), if the tuple has it. `layer` is one of
     /// [`render::layer::Layer::NAMES`]; the scene may not exist.
     fn thumbnail(&self, scene: &SceneId, layer: &str) -> Option<Vec<u8>>;
-    /// Carries out an action; the error is a sentence. Called only for requests with the token.
+    /// Carries out an action of a request with the token. The error is a message for the user.
     fn act(&self, action: Action) -> Result<(), String>;
 }
 
-/// The server cannot start.
+/// The reason why the server cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// The address is in use, foreign or forbidden.
@@ -55,7 +55,7 @@ pub enum ServeError {
     Start(std::io::Error),
     /// The token is too short.
     #[error(
-        "the token for the web server has fewer than {MIN_TOKEN_CHARACTERS} characters; make one with `openssl rand -hex 16`"
+        "the web server's token has fewer than {MIN_TOKEN_CHARACTERS} characters; `openssl rand -hex 16` makes a token"
     )]
     WeakToken,
 }
@@ -69,7 +69,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// The address it listens on, with the port that the system chose for port 0.
+    /// Returns the listening address, with the port that the system chose for port 0.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -86,7 +86,8 @@ impl Drop for Server {
     }
 }
 
-/// Listens on `listen` and answers requests from `source` on its own thread. Without a `token` it refuses actions.
+/// Starts a server on `listen` that answers requests from `source` on its own thread. Without a `token`, it refuses
+/// actions.
 pub fn serve(
     listen: SocketAddr,
     source: Arc<dyn FarmSource>,
@@ -142,13 +143,13 @@ async fn accept(listener: tokio::net::TcpListener, routes: axum::Router) {
                     drop(place);
                 });
             }
-            // The system is out of descriptors, or the client is gone already: try again.
+            // The system is out of descriptors, or the client has closed the connection.
             Err(_) => sleep(Duration::from_millis(100)).await,
         }
     }
 }
 
-/// Answers the requests of one connection. Errors are the client's and are ignored.
+/// Answers the requests of one connection. Ignores errors, because the client causes them.
 async fn converse(stream: TcpStream, routes: axum::Router) {
     let _ = stream.set_nodelay(true);
     let connection = http1::Builder::new()

@@ -1,4 +1,4 @@
-//! The content of the status page, as plain data.
+//! Content of the status page, as plain data.
 //!
 //! Ages are seconds by the coordinator's monotonic clock, so that a worker's wrong clock does no harm.
 
@@ -6,10 +6,10 @@ use crate::run::RunState;
 use render::ids::SceneId;
 use serde::Serialize;
 
-/// The schema name of a view as JSON.
+/// Schema name of a view as JSON.
 pub const FARM_SCHEMA: &str = "glasshouse.farm/1";
 
-/// A run as its coordinator sees it.
+/// A run, from its coordinator's observations.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FarmView {
     /// Always [`FARM_SCHEMA`].
@@ -21,9 +21,9 @@ pub struct FarmView {
     /// Version of the coordinator's program.
     pub version: String,
     pub state: RunState,
-    /// Scenes with a tuple, and all scenes.
+    /// Number of scenes with a tuple, and of all scenes.
     pub scenes: Count,
-    /// Finished shards, and all shards.
+    /// Number of finished shards, and of all shards.
     pub shards: Count,
     /// Number of scenes in quarantine.
     pub quarantined: u64,
@@ -32,49 +32,49 @@ pub struct FarmView {
     /// Seconds until the last tuple at this rate; `null` if unknown.
     pub eta_s: Option<f64>,
     pub queue: QueueView,
-    /// Known workers, in any order.
+    /// Known workers, in no particular order.
     pub workers: Vec<WorkerView>,
-    /// Scenes in quarantine; may be fewer than `quarantined`.
+    /// Scenes in quarantine; the list may be shorter than `quarantined`.
     pub quarantine: Vec<QuarantinedScene>,
-    /// The latest tuples, latest first.
+    /// Latest tuples, newest first.
     pub recent: Vec<RecentTuple>,
 }
 
-/// Finished items, and all items.
+/// Number of finished items, and of all items.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Count {
     pub done: u64,
     pub total: u64,
 }
 
-/// The queue as the coordinator sees it.
+/// The queue, from the coordinator's observations.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct QueueView {
-    /// Whether the coordinator has a connection.
+    /// True if the coordinator has a connection.
     pub connected: bool,
-    /// Why there is no connection.
+    /// Reason of a missing connection.
     pub reason: Option<String>,
-    /// Tasks that no worker holds; `null` if unknown.
+    /// Number of tasks that no worker holds; `null` if unknown.
     pub spans_waiting: Option<u64>,
-    /// Tasks that a worker holds; `null` if unknown.
+    /// Number of tasks that workers hold; `null` if unknown.
     pub spans_held: Option<u64>,
 }
 
 /// A worker's last known state.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WorkerView {
-    /// Its name, unique in the run.
+    /// Name, unique in the run.
     pub name: String,
     pub host: String,
-    /// Version of its program; empty if unknown.
+    /// Version of the worker's program; empty if unknown.
     pub version: String,
     pub state: WorkerState,
-    /// Seconds since its last progress.
+    /// Seconds since the last progress.
     pub last_progress_s: f64,
     pub scene: Option<SceneId>,
-    /// Number of its current shard in that scene.
+    /// Index of the current shard in the scene.
     pub shard: Option<u32>,
-    /// Shards traced since it started.
+    /// Number of shards traced since the worker started.
     pub shards_done: u64,
 }
 
@@ -82,12 +82,12 @@ pub struct WorkerView {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WorkerState {
-    /// It made no progress for too long: hung, lost or disconnected.
+    /// No progress for too long: the worker is hung, lost or disconnected.
     Silent,
-    /// It requeues its tasks and exits.
+    /// The worker requeues its tasks and exits.
     Stopping,
     Working,
-    /// It has no task.
+    /// The worker has no task.
     Idle,
 }
 
@@ -95,7 +95,7 @@ impl WorkerState {
     /// All states, the most urgent first.
     pub const ALL: [Self; 4] = [Self::Silent, Self::Stopping, Self::Working, Self::Idle];
 
-    /// Its name in JSON, metrics and on the page.
+    /// Returns the name of the state in JSON, in metrics and on the page.
     pub fn name(self) -> &'static str {
         match self {
             Self::Silent => "silent",
@@ -117,13 +117,13 @@ pub struct QuarantinedScene {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecentTuple {
     pub scene: SceneId,
-    /// Seconds since it was finished.
+    /// Seconds since the tuple was finished.
     pub age_s: f64,
-    /// The worker that merged it.
+    /// Worker that merged the tuple, if known.
     pub worker: Option<String>,
-    /// The largest share, among its layers, of paths that missed the photograph; 0 to 1.
+    /// Largest share of paths that missed the photograph, among the layers, 0 to 1.
     pub miss_share: Option<f64>,
-    /// Its layers, names of [`render::layer::Layer::NAMES`].
+    /// Names of the layers in the tuple, from [`render::layer::Layer::NAMES`].
     pub layers: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! The view of a run, from its coordinator's observations.
+//! Makes the view of a run from its coordinator's observations.
 
 use super::action::Action;
 use super::server::FarmSource;
@@ -17,10 +17,10 @@ use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 const RECENT: usize = 12;
-/// Side of a thumbnail, px.
+/// Maximum side of a thumbnail, px.
 const THUMBNAIL_PX: u32 = 256;
 
-/// A run as its coordinator sees it.
+/// The source of a run's views: its coordinator's observations and its store.
 pub struct WatchedRun {
     name: String,
     id: String,
@@ -28,12 +28,12 @@ pub struct WatchedRun {
     layers: Vec<Vec<String>>,
     store: Store,
     watch: Arc<Mutex<Watch>>,
-    /// A worker without progress for this time is shown as silent.
+    /// Time without progress after which the view shows a worker as silent, s.
     silent_s: f64,
 }
 
 impl WatchedRun {
-    /// [`crate::farm::coordinate()`] keeps `watch` up to date.
+    /// Creates the source of a run; [`crate::farm::coordinate()`] keeps `watch` up to date.
     pub fn new(run: &Run, store: &Store, watch: &Arc<Mutex<Watch>>, silent_s: f64) -> Self {
         let names = |line: &render::line::SceneLine| {
             let names = line.film.layers.names();
@@ -53,7 +53,7 @@ impl WatchedRun {
     }
 }
 
-/// A worker with only a name and a machine.
+/// Creates a worker without any observation but its name and its machine.
 fn new_worker(name: &str, host: &str) -> WorkerView {
     WorkerView {
         name: name.to_owned(),
@@ -68,7 +68,7 @@ fn new_worker(name: &str, host: &str) -> WorkerView {
 }
 
 impl WatchedRun {
-    /// Workers that made a tuple since this process started, or have a running attempt.
+    /// Lists the workers that have made a tuple since this process started, or have a running attempt.
     fn workers(&self, snapshot: &Snapshot, state: RunState) -> Vec<WorkerView> {
         let seconds = |at: Instant| at.elapsed().as_secs_f64();
         let mut workers: BTreeMap<&str, WorkerView> = BTreeMap::new();

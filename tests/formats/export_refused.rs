@@ -25,7 +25,7 @@ fn changed_and_foreign_folders_are_refused() {
     std::fs::remove_file(&lost).unwrap();
     run(&arguments(&made, &out, &pairs)).expect(5).says(&["has lost test/blended/"]);
     std::fs::write(out.join("export.json"), "{}").unwrap();
-    run(&arguments(&made, &out, &pairs)).expect(5).says(&["export.json that is damaged"]);
+    run(&arguments(&made, &out, &pairs)).expect(5).says(&["a damaged export.json"]);
 
     let foreign = folder.path().join("foreign");
     std::fs::create_dir(&foreign).unwrap();

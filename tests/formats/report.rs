@@ -189,7 +189,7 @@ fn half_done_and_damaged_runs_have_a_report() {
     let (page, said) = report(&out, 0, &[]);
     assert_eq!((&said["tuples"], &said["shown"]), (&json!(0), &json!(0)));
     for part in [
-        "There is no tuple to show yet",
+        "The run has no tuple yet",
         "No tuple states an error yet",
         "No worker has left its log yet",
         "No scene is in quarantine",

@@ -9,19 +9,19 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum FarmBenchError {
     #[error(
-        "this needs a NATS server: install nats-server, or name one (--queue nats://host:4222)"
+        "the measurement needs a NATS server: install nats-server, or name one (--queue nats://host:4222)"
     )]
     NoQueue,
-    #[error("--makespan takes --kill and --slow alone")]
+    #[error("--makespan takes no faults but --kill and --slow")]
     OtherFault,
-    #[error("no worker is left: kill fewer of them")]
+    #[error("no worker is left: kill fewer workers")]
     NoWorkerLeft,
     #[error(
-        "the run would never end: no worker is left, or faults undo work faster than workers do it; \
+        "the run would never end: no worker is left, or faults undo work faster than workers finish it; \
          leave more workers alive, or lengthen --lease-s"
     )]
     NeverEnds,
-    #[error("stopped by a signal; nothing was measured to the end")]
+    #[error("a signal stopped the measurement before its end")]
     Stopped,
     #[error("cannot {what}: {source}")]
     System { what: &'static str, source: std::io::Error },
@@ -33,7 +33,7 @@ pub enum FarmBenchError {
     Server,
     #[error("`status` counts {counted} tuples, but the run has {there}")]
     OtherTuples { counted: String, there: u64 },
-    #[error("after two minutes the coordinator has published {waiting} of {missing} spans")]
+    #[error("after two minutes, the coordinator has published {waiting} of {missing} tasks")]
     NotPublished { waiting: u64, missing: u64 },
     #[error(transparent)]
     Plan(#[from] PlanError),

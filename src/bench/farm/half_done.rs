@@ -1,4 +1,4 @@
-//! A half-finished run, made quickly, to measure how long resuming takes.
+//! Makes a half-finished run quickly, to measure the time until it resumes.
 
 use crate::bench::BenchError;
 use crate::run::{Run, keys};
@@ -12,19 +12,19 @@ use render::partial;
 use render::scene::{load, read_files};
 use render::trace::Isa;
 
-/// The finished part of the run.
+/// Sizes of the finished and the missing part of the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct HalfDone {
-    /// Scenes with a tuple: those at even places.
+    /// Number of scenes with a tuple: those at even positions.
     pub(super) tuples: u64,
-    /// Partials of the other scenes: the first half of each.
+    /// Number of stored partials: the first half of every other scene's.
     pub(super) partials: u64,
-    /// Scenes without a tuple.
+    /// Number of scenes without a tuple.
     pub(super) missing: u64,
 }
 
-/// Makes the tuples of every other scene of a planned run, and the first half of the partials of those between. The files
-/// are those of `work`, without waiting for the disk. Calls `on_scene` after each scene.
+/// Makes the tuples of every other scene of a planned run, and the first half of the partials of the remaining scenes.
+/// Writes the same files as `work`, but does not wait for the disk. Calls `on_scene` after each scene.
 pub(super) fn half_done(
     run: &Run,
     isa: Isa,
@@ -51,7 +51,7 @@ pub(super) fn half_done(
     })
 }
 
-/// Writes the scene's tuple; no partial remains.
+/// Writes the scene's tuple; returns 0, because no partial remains.
 fn tuple(
     run: &Run,
     job: &SceneJob,
@@ -72,7 +72,7 @@ fn tuple(
     Ok(0)
 }
 
-/// Writes the first half of the scene's partials; their number.
+/// Writes the first half of the scene's partials; returns their number.
 fn half(run: &Run, job: &SceneJob, line: &SceneLine, isa: Isa) -> Result<u32, BenchError> {
     create_dir(&run.path(&keys::partials(&line.id)))?;
     let count = job.layout.len() / 2;

@@ -1,4 +1,4 @@
-//! The makespan of real workers on a real queue, with shards that sleep.
+//! Measures the makespan of real workers on a real queue, with shards that sleep.
 
 use super::error::FarmBenchError;
 use super::makespan_report::{Makespan, MakespanRun, Pass};
@@ -10,10 +10,10 @@ use crate::farm::Fault as Ordered;
 use crate::farm::simulate::{Case, Fault, lower_bound_s};
 use std::time::{Duration, Instant, SystemTime};
 
-/// Time of the kill, as a share of the lower bound with the slow worker.
+/// Time of the kill, as a share of the lower bound of a run with the slow worker.
 const KILLED_AT: f64 = 1.0 / 3.0;
 
-/// Measures `case` without and with its faults. By default one worker is four times slower and another one is killed.
+/// Measures `case` without and with its faults. By default, one worker is four times slower and another is killed.
 pub fn makespan(setup: &Setup, case: &Case, passes: u32) -> Result<Makespan, FarmBenchError> {
     let mut faulty = case.clone();
     ordered(&faulty)?;
@@ -35,7 +35,7 @@ pub fn makespan(setup: &Setup, case: &Case, passes: u32) -> Result<Makespan, Far
             watcher.part_is_done();
         }
     }
-    watcher.measures("one process, without sleep");
+    watcher.measures("one process, shards that do not sleep");
     let alone = alone(&place, &plain)?;
     watcher.part_is_done();
     let tuples_equal = all.iter().flatten().all(|pass| pass.digest == alone);
@@ -53,10 +53,10 @@ fn usual_faults(case: &Case) -> Result<Vec<Fault>, FarmBenchError> {
     Ok(vec![slow, Fault::Kill { worker: 0, at_s }])
 }
 
-/// Second and worker.
+/// Time after the start, s, and worker of each kill.
 type Kills = Vec<(f64, usize)>;
 
-/// Slowness of each worker, and the kills in order of time.
+/// Returns the slowness of each worker, and the kills in order of time.
 fn ordered(case: &Case) -> Result<(Vec<f64>, Kills), FarmBenchError> {
     let (mut slow, mut kills) = (vec![1.0; case.fleet.workers as usize], Vec::new());
     for fault in &case.faults {
@@ -109,7 +109,7 @@ fn measure(place: &Place, case: &Case, name: &str) -> Result<Pass, FarmBenchErro
     let run_text = run.to_string_lossy().into_owned();
     let (slow, kills) = ordered(case)?;
     let mut workers = start_workers(place, case, &run_text, &slow)?;
-    // The clock starts with the coordinator: the queue is empty before.
+    // The clock starts with the coordinator, because the queue is empty before.
     let (begun, start) = (SystemTime::now(), Instant::now());
     let lease = case.rules.lease_s.to_string();
     let arguments = ["coordinate", &run_text, "--lease-s", &lease, "--json"];
@@ -147,7 +147,7 @@ fn measure(place: &Place, case: &Case, name: &str) -> Result<Pass, FarmBenchErro
     })
 }
 
-/// The digest of the tuples made by one process.
+/// Makes the run with one process and returns the digest of its tuples.
 fn alone(place: &Place, case: &Case) -> Result<String, FarmBenchError> {
     let run = place.plan(&recipe(place, case, "alone"))?;
     let path = run.to_string_lossy();

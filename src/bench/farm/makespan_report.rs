@@ -1,9 +1,10 @@
 //! Results of [`makespan`](super::makespan()).
 
 use super::setup::Conditions;
+use super::simulation::CaseSize;
 use crate::bench::clock::median;
+use crate::bench::table::table;
 use crate::farm::simulate::{Case, Fault, simulate};
-use compose::markdown_table;
 use serde::Serialize;
 use std::fmt;
 
@@ -11,15 +12,12 @@ use std::fmt;
 pub struct Makespan {
     #[serde(flatten)]
     how: Conditions,
-    workers: u32,
-    scenes: u32,
-    shards: u32,
-    seed: u64,
+    #[serde(flatten)]
+    size: CaseSize,
     load_s: f64,
-    lease_s: f64,
     /// The run without faults, then the run with faults.
     pub runs: Vec<MakespanRun>,
-    /// True unless the program has a defect.
+    /// True if the tuples of all runs are bit by bit those of one process; false shows a defect.
     #[serde(rename = "tuples_equal_those_of_one_process")]
     pub tuples_equal: bool,
 }
@@ -123,17 +121,7 @@ impl Makespan {
         runs: Vec<MakespanRun>,
         tuples_equal: bool,
     ) -> Self {
-        Self {
-            how,
-            workers: case.fleet.workers,
-            scenes: case.work.scenes,
-            shards: case.work.shards,
-            seed: case.work.seed,
-            load_s: case.work.load_s,
-            lease_s: case.rules.lease_s,
-            runs,
-            tuples_equal,
-        }
+        Self { how, size: CaseSize::of(case), load_s: case.work.load_s, runs, tuples_equal }
     }
 }
 
@@ -141,28 +129,14 @@ impl fmt::Display for Makespan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} workers, {} scenes of {} shards that sleep, seed {}, leases of {} s, {}; medians of {}\n",
-            self.workers,
-            self.scenes,
-            self.shards,
-            self.seed,
-            self.lease_s,
+            "{}; shards sleep, leases of {} s, {}; medians of {}\n",
+            self.size,
+            self.size.lease_s,
             self.how,
             self.runs.first().map_or(0, |run| run.passes.len()),
         )?;
-        let head = [
-            "",
-            "bound",
-            "makespan",
-            "over bound",
-            "simulated",
-            "loads a scene",
-            "spans given",
-            "shards traced",
-        ];
-        let mut rows = vec![head.map(str::to_owned).to_vec()];
-        rows.extend(self.runs.iter().map(MakespanRun::row));
-        write!(f, "{}", markdown_table(&rows, 1))?;
+        let head = " | bound | makespan | over bound | simulated | loads a scene | tasks donated | shards traced";
+        f.write_str(&table(head, self.runs.iter().map(MakespanRun::row), 1))?;
         for fault in self.runs.last().iter().flat_map(|run| &run.faults) {
             writeln!(f, "{fault}")?;
         }

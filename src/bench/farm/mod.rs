@@ -1,4 +1,4 @@
-//! `glasshouse bench farm`: the farm, measured with real processes or simulated.
+//! `glasshouse bench farm`: measures the farm with real processes, or simulates it.
 //!
 //! ```text
 //! overhead       shards a second, 1 to N workers; the farm's CPU seconds per shard
@@ -6,8 +6,8 @@
 //! resume         time until a half-finished run resumes
 //! simulation     the same rules in virtual time, for any number of workers (farm::simulate)
 //!
-//! place          a temporary folder, a NATS server -> process, server: children that end with their owner
-//! recipe         runs of tiny scenes that cost nothing to trace; half_done makes half of one
+//! place          a temporary folder and a NATS server; process, server: child processes, killed on drop
+//! recipe         runs of tiny scenes that cost nothing to trace; half_done makes half of such a run
 //! ```
 
 mod error;

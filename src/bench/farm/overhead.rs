@@ -1,4 +1,4 @@
-//! The farm's cost per shard, measured with real workers on a real queue.
+//! Measures the farm's cost per shard with real workers on a real queue.
 
 use super::error::FarmBenchError;
 use super::overhead_report::{Overhead, OverheadRun};
@@ -10,11 +10,11 @@ use crate::farm::Fault;
 use crate::farm::simulate::Work;
 use std::time::SystemTime;
 
-/// Length of a sleeping shard, s: it shows how the farm scales beyond the number of cores.
+/// Duration of a sleeping shard, s. Sleeping shards show the farm's scaling beyond the number of cores.
 pub(super) const ASLEEP_S: f64 = 0.05;
-/// Workers of the run with real shards.
+/// Number of workers in the run with real shards.
 const REAL_WORKERS: u32 = 2;
-/// Tile side (px) and samples of that run: the defaults of `plan`.
+/// Tile side (px) and samples of the run with real shards: the defaults of `plan`.
 pub(super) const REAL: [u32; 2] = [256, 256];
 
 struct Plan {
@@ -25,7 +25,7 @@ struct Plan {
 }
 
 /// Measures runs of 1, 2, 4, ... `workers`, on a queue and inside one process, with shards that cost nothing and with
-/// sleeping shards; then one run with real shards.
+/// sleeping shards. The last run has real shards.
 pub fn overhead(
     setup: &Setup,
     workers: u32,
@@ -80,21 +80,9 @@ fn queue_name(shared: bool) -> &'static str {
 }
 
 fn plan(name: &'static str, workers: u32, scenes: u32, shards: u32, asleep: bool) -> Plan {
-    let work = Work {
-        scenes,
-        shards,
-        cheapest_shard_s: ASLEEP_S,
-        doublings: 0,
-        dearest_last: 0,
-        load_s: 0.0,
-        seed: 0,
-    };
-    Plan {
-        name,
-        workers,
-        recipe: Recipe::tiny(String::new(), scenes, shards),
-        asleep: asleep.then_some(work),
-    }
+    let costs = Work { cheapest_shard_s: ASLEEP_S, doublings: 0, load_s: 0.0, ..Work::default() };
+    let asleep = asleep.then_some(Work { scenes, shards, ..costs });
+    Plan { name, workers, recipe: Recipe::tiny(String::new(), scenes, shards), asleep }
 }
 
 fn measure(place: &Place, plan: &Plan, shared: bool) -> Result<OverheadRun, FarmBenchError> {

@@ -1,8 +1,8 @@
-//! The figures of [`overhead`](super::overhead()).
+//! Results of [`overhead`](super::overhead()).
 
 use super::overhead::{ASLEEP_S, REAL};
 use super::setup::Conditions;
-use compose::markdown_table;
+use crate::bench::table::table;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -21,17 +21,17 @@ pub struct Overhead {
 pub struct OverheadRun {
     /// `nats` or `process`.
     pub queue: &'static str,
-    /// Processes on `nats`, threads of one `process`.
+    /// Number of processes on `nats`, or of threads in one `process`.
     pub workers: u32,
     pub shards: u64,
-    /// Sleep of each shard.
+    /// Sleep of each shard, s.
     pub shard_s: f64,
-    /// Time to the last tuple.
+    /// Time until the last tuple is written, s.
     pub wall_s: f64,
     pub shards_per_s: f64,
-    /// CPU time added to a shard by the farm.
+    /// CPU time that the farm adds to a shard.
     pub overhead_cpu_us_per_shard: f64,
-    /// Worker time per shard beyond the sleep.
+    /// Worker time per shard in addition to the sleep.
     pub overhead_wall_us_per_shard: f64,
     /// The farm's share of all CPU seconds.
     pub overhead_cpu_share: f64,
@@ -43,7 +43,7 @@ pub struct OverheadRun {
 }
 
 impl OverheadRun {
-    /// Adds the figures that follow from the measured ones.
+    /// Computes the figures that follow from the measured ones.
     pub(super) fn finished(mut self) -> Self {
         let shards = self.shards as f64;
         self.shards_per_s = shards / self.wall_s;
@@ -58,20 +58,20 @@ impl OverheadRun {
         self.cpu_seconds.get(stage).copied().unwrap_or(0.0)
     }
 
-    /// All CPU seconds without start-up.
+    /// Returns all CPU seconds except those of the start-up.
     fn all_cpu_s(&self) -> f64 {
         let workers: f64 = self.cpu_seconds.values().sum();
         workers - self.cpu_of("before") + self.coordinator_cpu_s + self.server_cpu_s.unwrap_or(0.0)
     }
 
-    /// Stages between files and tracer, and between tracer and tuples.
+    /// Returns the CPU seconds between files and tracer, and between tracer and tuples.
     fn around_cpu_s(&self) -> f64 {
         let stages = ["read", "decode", "merge", "encode", "write"];
         stages.map(|stage| self.cpu_of(stage)).iter().sum()
     }
 
-    /// Checkpoints, queue, leases, coordinator and all work of the store's threads for tuples: an upper bound of the farm's
-    /// own cost.
+    /// Returns an upper bound of the farm's own CPU seconds: checkpoints, queue, leases, coordinator, and all work of the
+    /// store's threads for tuples.
     fn farm_cpu_s(&self) -> f64 {
         self.all_cpu_s() - self.cpu_of("trace") - self.around_cpu_s()
     }
@@ -95,13 +95,13 @@ impl OverheadRun {
 }
 
 impl Overhead {
-    /// The runs on one kind of queue, with or without sleep, as a table; `None` without runs.
+    /// Formats the runs on one kind of queue, with or without sleep, as a table. Returns `None` without runs.
     fn table(&self, title: &str, asleep: bool, queue: &str) -> Option<String> {
-        let head = [title, "shards", "shards/s", "of ideal", "CPU us a shard", "worker us a shard"];
-        let mut table = vec![head.map(str::to_owned).to_vec()];
         let is_row = |run: &&OverheadRun| (run.shard_s > 0.0) == asleep && run.queue == queue;
-        table.extend(self.runs.iter().filter(is_row).map(OverheadRun::row));
-        (table.len() > 1).then(|| markdown_table(&table, 0))
+        let mut rows = self.runs.iter().filter(is_row).map(OverheadRun::row).peekable();
+        let head =
+            format!("{title} | shards | shards/s | of ideal | CPU us a shard | worker us a shard");
+        rows.peek().is_some().then(|| table(&head, rows, 0))
     }
 }
 
@@ -142,9 +142,9 @@ impl fmt::Display for Overhead {
 mod tests {
     use super::*;
 
-    /// 4 workers, 100 shards of 0.05 s sleep in 2 s; 1 of 3.5 CPU seconds after start-up is the farm's.
+    /// Four workers finish 100 shards that sleep 0.05 s in 2 s. The farm uses 1 of 3.5 CPU seconds after start-up.
     #[test]
-    fn derived_figures() {
+    fn derived_figures_follow_from_measured_ones() {
         let stages = [("before", 9.0), ("trace", 2.0), ("merge", 0.5), ("queue", 0.5)];
         let run = OverheadRun {
             queue: "nats",

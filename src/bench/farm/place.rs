@@ -14,7 +14,7 @@ use std::sync::atomic::Ordering;
 use std::time::SystemTime;
 use tempfile::TempDir;
 
-/// The queue's name in results without a queue.
+/// Queue in the results of a measurement without a shared queue.
 pub(super) const NO_QUEUE: &str = "none";
 
 pub(super) struct Place<'a> {
@@ -25,10 +25,10 @@ pub(super) struct Place<'a> {
 }
 
 impl<'a> Place<'a> {
-    /// Takes the queue of `setup`, or starts a `nats-server` if there is one.
+    /// Uses the queue of `setup`, or starts `nats-server` if it is installed.
     pub(super) fn new(setup: &'a Setup<'a>) -> Result<Self, FarmBenchError> {
         let folder = tempfile::Builder::new().prefix("glasshouse-").tempdir();
-        let folder = folder.map_err(FarmBenchError::system("make a folder to work in"))?;
+        let folder = folder.map_err(FarmBenchError::system("create a temporary folder"))?;
         let server = match setup.queue {
             Some(_) => None,
             None => Server::start(&folder.path().join("jetstream"))?,
@@ -51,7 +51,7 @@ impl<'a> Place<'a> {
         Conditions::new(mode, queue, self.setup.cpu.clone())
     }
 
-    /// The queue's address; an error without one.
+    /// Returns the queue's address. Fails without a queue.
     pub(super) fn need_queue(&self) -> Result<&str, FarmBenchError> {
         self.url.as_deref().ok_or(FarmBenchError::NoQueue)
     }
@@ -112,13 +112,13 @@ impl<'a> Place<'a> {
         command
     }
 
-    /// CPU seconds of the server, if it was started here and they are known.
+    /// Returns the CPU seconds of the server if this process started it and they are known.
     pub(super) fn server_cpu_s(&self) -> Option<f64> {
         self.server.as_ref().and_then(Server::cpu_s)
     }
 }
 
-/// Time of the last tuple's write, and a digest of the bytes of all tuples; an error if one is missing.
+/// Returns the time at which the last tuple was written, and a digest of all tuples. Fails if a tuple is missing.
 pub(super) fn tuples(run: &Path) -> Result<(SystemTime, String), FarmBenchError> {
     let open = Run::open(run, &Roots::default())?;
     let mut last = SystemTime::UNIX_EPOCH;
@@ -138,7 +138,7 @@ pub(super) fn tuples(run: &Path) -> Result<(SystemTime, String), FarmBenchError>
     Ok((last, digest.finalize().to_hex().to_string()))
 }
 
-/// Seconds from `begun` to the last tuple.
+/// Returns the seconds from `begun` to `last`.
 pub(super) fn seconds_between(begun: SystemTime, last: SystemTime) -> Result<f64, FarmBenchError> {
     let between = last.duration_since(begun).map_err(std::io::Error::other);
     let between = between.map_err(FarmBenchError::system("measure: the clock went backwards"))?;

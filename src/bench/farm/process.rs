@@ -8,7 +8,7 @@ use serde_json::Value;
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
-/// First message of a ready `work -v`; measurements wait for it.
+/// Start of the first message of `work -v` when the worker is ready; measurements wait for it.
 pub const WORK_BEGINS: &str = "work begins on ";
 /// End of the message of `work -v` about a loaded scene; measurements wait for it and count it.
 pub const SCENE_LOADED: &str = " is loaded";
@@ -45,7 +45,7 @@ impl<'a> Process<'a> {
         })
     }
 
-    /// Time since the start.
+    /// Returns the time since the start.
     pub(super) fn age(&self) -> Duration {
         self.since.elapsed()
     }
@@ -69,7 +69,7 @@ impl<'a> Process<'a> {
         }
     }
 
-    /// Waits until a worker accepts spans.
+    /// Waits until a worker accepts tasks.
     pub(super) fn wait_until_ready(&mut self) -> Result<(), FarmBenchError> {
         self.wait_until_it_says(WORK_BEGINS)
     }
@@ -85,13 +85,13 @@ impl<'a> Process<'a> {
         FarmBenchError::Process { how: how.to_owned(), said: self.said[last..].join("; ") }
     }
 
-    /// SIGKILL.
+    /// Kills the process with SIGKILL.
     pub(super) fn kill(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 
-    /// Number of loaded scenes, from its messages (with `-v`).
+    /// Counts the loaded scenes in the messages of `-v`.
     pub(super) fn loads(&mut self) -> u64 {
         self.said.extend(self.stderr.try_iter());
         let is_load = |line: &&String| line.ends_with(SCENE_LOADED);

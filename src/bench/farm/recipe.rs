@@ -1,8 +1,8 @@
-//! Recipes of measured runs.
+//! Writes the recipes of measured runs.
 
 /// A run of small scenes of procedural photographs.
 pub(super) struct Recipe {
-    /// Unique, because measurements may share a server.
+    /// Unique name, because measurements may share a server.
     pub(super) name: String,
     pub(super) scenes: u32,
     pub(super) film_px: [u32; 2],
@@ -12,7 +12,7 @@ pub(super) struct Recipe {
 }
 
 impl Recipe {
-    /// Scenes of `shards` shards of 8 x 8 px and 4 samples, which cost next to nothing.
+    /// Creates a recipe of scenes with `shards` shards of 8 x 8 px and 4 samples, which cost next to nothing.
     pub(super) fn tiny(name: String, scenes: u32, shards: u32) -> Self {
         let down =
             (1..=shards).take_while(|d| d * d <= shards).filter(|d| shards.is_multiple_of(*d));

@@ -1,4 +1,4 @@
-//! The time until a half-finished run resumes.
+//! Measures the time until a half-finished run resumes.
 
 use super::error::FarmBenchError;
 use super::half_done::{HalfDone, half_done};
@@ -6,9 +6,9 @@ use super::place::Place;
 use super::recipe::Recipe;
 use super::setup::{Conditions, Setup};
 use crate::bench::clock::median;
+use crate::bench::table::table;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper};
 use crate::run::Run;
-use compose::markdown_table;
 use render::line::Roots;
 use render::trace::Isa;
 use serde::Serialize;
@@ -31,12 +31,12 @@ pub struct Resume {
     scenes_missing: u64,
     /// Duration of `status`.
     pub status_s: Times,
-    /// `work`, until its first scene is loaded.
+    /// Time until `work` has loaded its first scene.
     pub work_s: Times,
-    /// `coordinate`, until the queue has all missing scenes.
+    /// Time until `coordinate` has published all missing scenes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coordinate_s: Option<Times>,
-    /// `work --queue`, until its first scene is loaded.
+    /// Time until `work --queue` has loaded its first scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub work_queue_s: Option<Times>,
 }
@@ -70,7 +70,7 @@ pub fn resume(
     let run = Run::open(&folder, &Roots::default())?;
     let watcher = place.watcher();
     watcher.starts(u64::from(scenes));
-    watcher.measures("making a run that is half done");
+    watcher.measures("making a half-finished run");
     let there = half_done(&run, isa, &|| watcher.part_is_done())?;
     let mut times: [Vec<f64>; 4] = Default::default();
     for _ in 0..passes {
@@ -166,32 +166,25 @@ fn measure_on_queue(
 impl fmt::Display for Resume {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rows = [
-            ("`status`, to its end", Some(&self.status_s)),
-            ("`work`, until its first scene is loaded", Some(&self.work_s)),
-            ("`coordinate`, until all that is missing is in the queue", self.coordinate_s.as_ref()),
-            ("`work --queue`, until its first scene is loaded", self.work_queue_s.as_ref()),
+            ("`status` ends", Some(&self.status_s)),
+            ("`work` has loaded its first scene", Some(&self.work_s)),
+            ("`coordinate` has published all missing scenes", self.coordinate_s.as_ref()),
+            ("`work --queue` has loaded its first scene", self.work_queue_s.as_ref()),
         ];
-        let head = ["until a run goes on", "first time", "median", "times"];
-        let mut table = vec![head.map(str::to_owned).to_vec()];
-        for (what, times) in rows {
-            table.extend(times.map(|times| {
-                vec![
-                    what.to_owned(),
-                    format!("{:.2} s", times.first),
-                    format!("{:.2} s", times.median),
-                    times.passes.len().to_string(),
-                ]
-            }));
-        }
+        let rows = rows.into_iter().filter_map(|(what, times)| {
+            let Times { first, median, passes } = times?;
+            let count = passes.len().to_string();
+            Some(vec![what.to_owned(), format!("{first:.2} s"), format!("{median:.2} s"), count])
+        });
         write!(
             f,
-            "{} shards of {} scenes, {} tuples and {} partials there; queue: {}\n\n{}",
+            "{} shards of {} scenes, {} tuples and {} partials stored; queue: {}\n\n{}",
             self.shards,
             self.scenes,
             self.tuples_there,
             self.partials_there,
             self.how,
-            markdown_table(&table, 1).trim_end()
+            table("time until | first pass | median | passes", rows, 1).trim_end()
         )
     }
 }

@@ -40,10 +40,10 @@ impl Server {
         format!("nats://127.0.0.1:{}", self.port)
     }
 
-    /// CPU seconds of the server, if known.
+    /// Returns the CPU seconds of the server, if known.
     pub(super) fn cpu_s(&self) -> Option<f64> {
         let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.child.id())).ok()?;
-        // The process name, in brackets before the fields, may contain spaces.
+        // The process name, in brackets before these fields, may contain spaces.
         let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
         let ticks = |k: usize| fields.get(k)?.parse::<f64>().ok();
         Some((ticks(11)? + ticks(12)?) / rustix::param::clock_ticks_per_second() as f64)

@@ -5,7 +5,7 @@ use std::fmt;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-/// Follows the parts of a measurement.
+/// Receives the progress of a measurement.
 pub trait Watcher: Sync {
     fn starts(&self, parts: u64);
     /// Names the part that starts now.
@@ -15,11 +15,11 @@ pub trait Watcher: Sync {
 
 pub struct Setup<'a> {
     pub program: &'a Path,
-    /// Address of a NATS server; with `None` an installed `nats-server` is started.
+    /// Address of a NATS server; `None` starts an installed `nats-server`.
     pub queue: Option<&'a str>,
-    /// Name of the processor.
+    /// Name of the processor, if known.
     pub cpu: Option<String>,
-    /// Set by a signal to stop the measurement.
+    /// Flag that stops the measurement after a signal.
     pub stop: &'a AtomicBool,
     pub watcher: &'a dyn Watcher,
 }
@@ -38,7 +38,7 @@ impl Conditions {
         Self { measured: true, mode, queue, cpu }
     }
 
-    /// Whether the processes shared a queue.
+    /// True if the processes shared a queue.
     pub fn has_queue(&self) -> bool {
         self.queue != super::place::NO_QUEUE
     }

@@ -1,25 +1,46 @@
-//! Figures of a farm simulated in virtual time.
+//! Simulates a farm in virtual time and prints its figures.
 
 use super::error::FarmBenchError;
-use crate::bench::thread_cpu_s;
-use crate::farm::simulate::{self as sim, Case, Fault, Outcome};
-use compose::markdown_table;
+use crate::bench::clock::cpu_s;
+use crate::bench::table::table;
+use crate::farm::simulate::{self as sim, Case, Fault, Outcome, Work};
 use serde::Serialize;
 use std::fmt;
 
 #[derive(Clone, Debug, Serialize)]
 pub struct Simulation {
     simulated: bool,
-    workers: u32,
-    scenes: u32,
-    shards: u32,
-    seed: u64,
-    lease_s: f64,
+    #[serde(flatten)]
+    size: CaseSize,
     faults: FaultCounts,
     over_bound: f64,
     #[serde(flatten)]
     pub outcome: Outcome,
     cpu_s: f64,
+}
+
+/// Size, seed and lease of a simulated or measured case.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(super) struct CaseSize {
+    workers: u32,
+    scenes: u32,
+    shards: u32,
+    seed: u64,
+    pub(super) lease_s: f64,
+}
+
+impl CaseSize {
+    pub(super) fn of(case: &Case) -> Self {
+        let Work { scenes, shards, seed, .. } = case.work;
+        Self { workers: case.fleet.workers, scenes, shards, seed, lease_s: case.rules.lease_s }
+    }
+}
+
+impl fmt::Display for CaseSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { workers, scenes, shards, seed, .. } = self;
+        write!(f, "{workers} workers, {scenes} scenes of {shards} shards, seed {seed}")
+    }
 }
 
 /// Number of faults of each kind.
@@ -63,19 +84,15 @@ impl fmt::Display for FaultCounts {
 }
 
 pub fn simulate(case: &Case) -> Result<Simulation, FarmBenchError> {
-    let since_s = thread_cpu_s();
-    let outcome = sim::simulate(case).ok_or(FarmBenchError::NeverEnds)?;
+    let (outcome, cpu_s) = cpu_s(|| sim::simulate(case));
+    let outcome = outcome.ok_or(FarmBenchError::NeverEnds)?;
     Ok(Simulation {
         simulated: true,
-        workers: case.fleet.workers,
-        scenes: case.work.scenes,
-        shards: case.work.shards,
-        seed: case.work.seed,
-        lease_s: case.rules.lease_s,
+        size: CaseSize::of(case),
         faults: FaultCounts::new(&case.faults),
         over_bound: outcome.makespan_s / outcome.bound_s,
         outcome,
-        cpu_s: thread_cpu_s() - since_s,
+        cpu_s,
     })
 }
 
@@ -83,10 +100,9 @@ impl Simulation {
     fn figures(&self) -> String {
         let o = &self.outcome;
         let rows = [
-            ("result", "value".to_owned()),
             ("lower bound", format!("{:.2} s", o.bound_s)),
             ("makespan", format!("{:.2} s ({:.3} x bound)", o.makespan_s, self.over_bound)),
-            ("coordinator knows", format!("{:.2} s", o.known_s)),
+            ("coordinator found all tuples", format!("{:.2} s", o.known_s)),
             ("loads", format!("{} ({:.3} a scene)", o.loads, o.loads_per_scene)),
             ("shards traced", format!("{} ({} again)", o.shards_traced, o.shards_traced_again)),
             (
@@ -99,7 +115,7 @@ impl Simulation {
             ("leases ended", o.leases_ended.to_string()),
             ("wrong acknowledgements", o.wrong_acknowledgements.to_string()),
             ("most messages in the stream", o.most_in_stream.to_string()),
-            ("looks into the store by workers", o.worker_listings.to_string()),
+            ("listings of partials by workers", o.worker_listings.to_string()),
             (
                 "coordinator",
                 format!(
@@ -107,26 +123,20 @@ impl Simulation {
                     o.reconciles, o.coordinator_pages, o.subject_pages
                 ),
             ),
-            ("published though done", o.published_though_done.to_string()),
+            ("finished tasks published", o.published_though_done.to_string()),
         ];
-        markdown_table(&rows.map(|(name, value)| vec![name.to_owned(), value]), 1)
+        let rows = rows.into_iter().map(|(name, value)| vec![name.to_owned(), value]);
+        table("result | value", rows, 1)
     }
 
     fn messages(&self) -> String {
         let o = &self.outcome;
-        let head = ["message", "count", "most in a second"];
-        let mut table = vec![head.map(str::to_owned).to_vec()];
-        for m in &o.messages {
-            let count = [m.count.to_string(), m.peak_per_s.to_string()];
-            table.push([&[m.name.to_owned()][..], &count].concat());
-        }
-        let all: u64 = o.messages.iter().map(|m| m.count).sum();
-        table.push(vec![
-            "all".to_owned(),
-            all.to_string(),
-            format!("{} (median {})", o.peak_messages_per_s, o.median_messages_per_s),
-        ]);
-        markdown_table(&table, 1)
+        let row =
+            |name: &str, count: u64, peak: String| vec![name.to_owned(), count.to_string(), peak];
+        let kinds = o.messages.iter().map(|m| row(m.name, m.count, m.peak_per_s.to_string()));
+        let peak = format!("{} (median {})", o.peak_messages_per_s, o.median_messages_per_s);
+        let all = row("all", o.messages.iter().map(|m| m.count).sum(), peak);
+        table("message | count | most in a second", kinds.chain([all]), 1)
     }
 }
 
@@ -134,14 +144,8 @@ impl fmt::Display for Simulation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} workers, {} scenes of {} shards, seed {}{} (simulated: {} events in {:.1} CPU s)\n",
-            self.workers,
-            self.scenes,
-            self.shards,
-            self.seed,
-            self.faults,
-            self.outcome.events,
-            self.cpu_s
+            "{}{} (simulated: {} events in {:.1} CPU s)\n",
+            self.size, self.faults, self.outcome.events, self.cpu_s
         )?;
         write!(f, "{}\n{}", self.figures(), self.messages().trim_end())
     }
@@ -150,7 +154,7 @@ impl fmt::Display for Simulation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::farm::simulate::{Fleet, Rules, Work};
+    use crate::farm::simulate::{Fleet, Rules};
 
     fn case(faults: Vec<Fault>) -> Case {
         Case { work: Work::default(), fleet: Fleet::default(), rules: Rules::default(), faults }

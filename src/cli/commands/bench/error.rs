@@ -1,11 +1,11 @@
 //! `bench error`
 
 use crate::bench::{
-    BenchError, ERROR_SCHEMA, ErrorReport, Ladder, VARIANTS, Work, climb, cpu_name, own_reference,
-    pair, read_reference, slopes,
+    BenchError, ERROR_SCHEMA, ErrorReport, Ladder, VARIANTS, Work, climb, cpu_name, isa_name,
+    own_reference, pair, read_reference, slopes,
 };
 use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
-use crate::cli::commands::bench::{isa_name, read_scene};
+use crate::cli::commands::bench::read_scene;
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;

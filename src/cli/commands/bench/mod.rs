@@ -14,7 +14,6 @@ use clap::{Args as ClapArgs, Subcommand};
 use farm::BenchFarmArgs;
 use render::line::{Roots, parse_scene};
 use render::scene::{decode, read_files};
-use render::trace::Isa;
 use std::path::Path;
 
 #[derive(Debug, ClapArgs)]
@@ -136,6 +135,7 @@ pub(super) fn read_scene(path: &Path, roots: &Roots) -> Result<BenchScene, Failu
     Ok(BenchScene { name: line.id.to_string(), line, photographs })
 }
 
+<<<<<<< HEAD
 pub(super) fn isa_name(isa: Isa) -> &'static str {
     match isa {
         Isa::Avx2 => "avx2",
@@ -143,6 +143,8 @@ pub(super) fn isa_name(isa: Isa) -> &'static str {
     }
 }
 
+=======
+>>>>>>> h/wreport
 exit_codes! {
     BenchError {
         Sample | Write | Encode => Failed,

@@ -1,11 +1,11 @@
 //! `bench trace`
 
 use crate::bench::{
-    BenchScene, BuildRow, KernelRow, RayDump, TracerRow, cpu_name, grid_builds, indoor, kernels,
-    on_cpu, outdoor, stress, tracer,
+    BenchScene, BuildRow, KernelRow, RayDump, TracerRow, cpu_name, grid_builds, indoor, isa_name,
+    kernels, on_cpu, outdoor, stress, tracer,
 };
 use crate::cli::args::{Global, IsaChoice, RootArgs, isa};
-use crate::cli::commands::bench::{isa_name, read_scene};
+use crate::cli::commands::bench::read_scene;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
