@@ -116,13 +116,8 @@ fn nothing_to_do(run: &Run, plan: ExportPlan) -> (ExportPlan, Exported) {
     (plan, exported)
 }
 
-<<<<<<< HEAD
 /// Estimates the size of an export from some encoded tuples, bytes.
 pub fn estimate_bytes(run: &Run, store: &Store, plan: &ExportPlan) -> Result<u64, ExportError> {
-=======
-/// Estimates the size of an export, bytes, from some encoded tuples.
-pub fn foretell_bytes(run: &Run, store: &Store, plan: &ExportPlan) -> Result<u64, ExportError> {
->>>>>>> h/wreport
     let count = plan.scenes.len();
     let trials = count.min(TRIALS);
     let mut bytes = 0;

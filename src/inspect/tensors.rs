@@ -15,11 +15,7 @@ pub(super) fn check_state(found: &mut Inspection, input: &Input) {
     let state = typed::<CheckpointState>(found, input, CheckpointDigests::TO_DO);
     if let Some((state, _)) = state.filter(|(state, _)| state.code_path != code_path()) {
         found.next.push(format!(
-<<<<<<< HEAD
-            "it was computed with {} instructions, but this machine has {}: resuming works, but the last bits differ",
-=======
-            "it was computed with {} instructions, this machine has {}: training resumes, but the last bits differ",
->>>>>>> h/wreport
+            "it was computed with {} instructions, but this machine has {}: training resumes, but the last bits differ",
             state.code_path,
             code_path()
         ));

@@ -135,16 +135,6 @@ pub(super) fn read_scene(path: &Path, roots: &Roots) -> Result<BenchScene, Failu
     Ok(BenchScene { name: line.id.to_string(), line, photographs })
 }
 
-<<<<<<< HEAD
-pub(super) fn isa_name(isa: Isa) -> &'static str {
-    match isa {
-        Isa::Avx2 => "avx2",
-        Isa::Baseline => "baseline",
-    }
-}
-
-=======
->>>>>>> h/wreport
 exit_codes! {
     BenchError {
         Sample | Write | Encode => Failed,
