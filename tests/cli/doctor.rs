@@ -128,7 +128,7 @@ fn a_bucket_works_as_a_store() {
     let away = doctor("s3://bucket/runs/x", 1);
     assert_eq!(level(&away, "store put"), "fail");
     assert!(
-        finding(&away, "store put")["to_do"].as_str().unwrap().contains("that it runs"),
+        finding(&away, "store put")["to_do"].as_str().unwrap().contains("that the store runs"),
         "{away:#}"
     );
 }
