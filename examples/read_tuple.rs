@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Returns the share of the light that passes the glass.
+/// Returns the share of the light that passes through the glass.
 pub(crate) fn read(folder: &Path) -> Result<f64, Box<dyn Error>> {
     // The renderer writes `tuple.json` last: if it exists, all files of the tuple do.
     let record: TupleRecord = serde_json::from_slice(&std::fs::read(folder.join("tuple.json"))?)?;
@@ -27,7 +27,7 @@ pub(crate) fn read(folder: &Path) -> Result<f64, Box<dyn Error>> {
         "{}: {} x {} px, {} samples a pixel, glass of {} m",
         record.scene.id, film.width, film.height, film.spp, record.scene.glass.thickness_m
     );
-    // Pixels are linear Rec.709, row by row. Decoding checks the size and the digests of the record.
+    // Pixels are linear Rec.709, row by row. Decoding compares their size and digests with the record.
     let exr = std::fs::read(folder.join("tuple.exr"))?;
     let PerLayer([input, transmission, glass_reflection, _clean_reflection]) =
         decode_tuple_exr(&exr, &record)?;

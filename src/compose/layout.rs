@@ -52,7 +52,7 @@ pub(super) fn is_other_picture(name: &str) -> bool {
         .is_some_and(|(_, ending)| others.iter().any(|k| ending.eq_ignore_ascii_case(k)))
 }
 
-/// Returns layout and role of a picture outside layer folders, and its pair's name: empty for the folder's name.
+/// Returns the layout and role of a picture outside layer folders, and its pair's name: empty for the folder's name.
 pub(super) fn recognise(stem: &str) -> Option<(Layout, Role, String)> {
     let letter = |letter: &str| match letter {
         "m" => Some(Role::Blended),

@@ -60,7 +60,7 @@ pub struct Cost {
     /// Largest size of the partials on disk at one time with one worker: the partials of its open scenes.
     pub partial_bytes_at_a_time: u64,
     pub tuple_bytes: u64,
-    /// Size of the tuples, the partials at one time, and the procedural photographs.
+    /// Size of the tuples, `partial_bytes_at_a_time`, and the procedural photographs that are not made yet.
     pub disk_needed_bytes: u64,
     /// Free space on the run's disk; `None` if unknown.
     pub disk_available_bytes: Option<u64>,

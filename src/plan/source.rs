@@ -75,7 +75,7 @@ pub struct Source {
 }
 
 impl Source {
-    /// Returns width and height of a `sample` source's photographs, px.
+    /// Returns the width and height of a `sample` source's photographs, px.
     pub fn sample_size(&self) -> [u32; 2] {
         [self.width.unwrap_or(1024), self.height.unwrap_or(768)]
     }

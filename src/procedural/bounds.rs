@@ -88,7 +88,7 @@ fn split(solids: &mut [Solid], first: u32, depth: usize, nodes: &mut Vec<Node>) 
     split(right, first + middle as u32, depth + 1, nodes);
 }
 
-/// Returns axis and position of the split with the least sum of surface area times number of solids.
+/// Returns the axis and position of the split with the least sum of surface area times number of solids.
 fn best_split(solids: &mut [Solid], depth: usize) -> (usize, usize) {
     let count = solids.len();
     if depth >= MAX_DEPTH {

@@ -1,4 +1,4 @@
-//! Adam (Kingma and Ba, ICLR 2015). Its moments can be saved in checkpoints; candle's Adam hides them.
+//! Adam (Kingma and Ba, ICLR 2015). Its moments can be saved in checkpoints; those of candle's AdamW are private.
 
 use candle_core::backprop::GradStore;
 use candle_core::{Result, Tensor, Var};

@@ -81,7 +81,7 @@ pub struct TrainSummary {
     /// `None` after a dry run.
     #[serde(flatten)]
     pub trained: Option<Trained>,
-    /// `None` if no step was left.
+    /// `None` after a dry run, or if no step was left.
     #[serde(flatten)]
     pub pace: Option<Pace>,
 }
@@ -101,7 +101,7 @@ impl fmt::Display for TrainSummary {
         };
         match trained.taken {
             0 => write!(f, "already at step {}", trained.step)?,
-            taken => write!(f, "took {taken} steps to step {}", trained.step)?,
+            taken => write!(f, "reached step {} (steps taken: {taken})", trained.step)?,
         }
         if let Some(loss) = trained.loss {
             write!(f, ", loss {loss:.4}")?;

@@ -137,7 +137,7 @@ fn a_training_resumes_to_the_same_bits_and_starts_the_next_stage() {
     assert_eq!(seen.steps, [1, 2, 3, 4]);
     assert_eq!((seen.checkpoints, seen.warnings.len()), (vec![2, 4], 0));
     assert_eq!((summary.from_step, summary.real_pairs), (0, 3));
-    assert!(summary.to_string().starts_with("took 4 steps to step 4, loss "));
+    assert!(summary.to_string().starts_with("reached step 4 (steps taken: 4), loss "));
 
     let first = go(parts, Stage::Backtrack, 2, &mut ());
     assert_eq!(first.trained.unwrap().step, 2);

@@ -163,7 +163,7 @@ fn plan_reports_truncated_objects_and_leaves_them_out_if_asked() {
     assert!(planned["input_bytes"].as_u64().unwrap() > 4 * 2 * 12_416);
 }
 
-/// s3s-fs always returns the whole object, so this test uses moto.
+/// s3s-fs ignores `If-None-Match` of a get, so this test uses moto.
 #[test]
 fn an_object_is_fetched_again_only_when_it_changed() {
     let Some(server) = Moto::start() else { return };

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Depth of `motorcycle`, m, which [`write_motorcycle_depth`] writes beside the manifest.
+/// Name of the file of `motorcycle`'s depth in metres, which [`write_motorcycle_depth`] writes.
 pub(crate) const MOTORCYCLE_DEPTH: &str = "motorcycle_depth.npy";
 
 /// A photograph of a data set.
@@ -23,8 +23,8 @@ pub(crate) struct Set {
 /// Photographs of seven sets. Intrinsics are those of the sources plus 0.5 px in cx and cy, because the sources put
 /// pixel centres at integers.
 ///
-/// No set has `fill` "far": the holes are between measured pixels (also in `road`, between the rows of a lidar), so
-/// that the farthest depth would be behind the objects around a hole.
+/// No set has `fill` "far": the holes are between measured pixels (in `road`, between the rows of a lidar), so the
+/// farthest depth would lie behind the objects around a hole.
 pub(crate) const SETS: [Set; 7] = [
     Set {
         name: "motorcycle",
@@ -122,7 +122,7 @@ impl Set {
     }
 }
 
-/// Returns shape and values of a C-ordered `.npy`.
+/// Returns the shape and the values of a C-ordered `.npy`.
 fn read_npy<T: npyz::Deserialize + Into<f64>>(path: &Path) -> (Vec<u64>, Vec<f64>) {
     let bytes = std::fs::read(path).unwrap();
     let file = npyz::NpyFile::new(&bytes[..]).unwrap();
@@ -131,7 +131,7 @@ fn read_npy<T: npyz::Deserialize + Into<f64>>(path: &Path) -> (Vec<u64>, Vec<f64
     (shape, values.into_iter().map(Into::into).collect())
 }
 
-/// Converts the disparity in a deflated `.npz` to metres. Unknown values are infinite in both.
+/// Converts the disparities in a deflated `.npz` to depths in metres; unknown disparities and depths are infinite.
 pub(crate) fn write_motorcycle_depth(root: &Path, to: &Path) {
     let path = root.join("middlebury_motorcycle/motorcycle_disp.npz");
     let mut archive = zip::ZipArchive::new(std::fs::File::open(path).unwrap()).unwrap();

@@ -1,5 +1,5 @@
-//! Starts another S3 server, moto in Python, which reports absent buckets, returns parts of objects and has TLS. Its
-//! conditional puts check a key and then write, so that two simultaneous puts may both succeed.
+//! Starts moto, an S3 server in Python. Unlike s3s-fs, it reports absent buckets and obeys `If-None-Match` of a get; it
+//! also has TLS. Its conditional puts check a key and then write, so two simultaneous puts may both succeed.
 
 use super::program::text;
 use super::tools::{Daemon, free_port, listens, wait_for};

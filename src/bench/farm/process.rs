@@ -8,14 +8,14 @@ use serde_json::Value;
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
-/// Start of the first message of `work -v` when the worker is ready; measurements wait for it.
+/// Start of the message of `work -v` that reports a ready worker; measurements wait for it.
 pub const WORK_BEGINS: &str = "work begins on ";
 /// End of the message of `work -v` about a loaded scene; measurements wait for it and count it.
 pub const SCENE_LOADED: &str = " is loaded";
 
 /// Longest duration of a process.
 const TOO_LONG: Duration = Duration::from_mins(10);
-/// Interval of polling a process.
+/// Interval between polls of a process.
 const POLL: Duration = Duration::from_millis(5);
 
 pub(super) struct Process<'a> {

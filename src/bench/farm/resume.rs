@@ -17,7 +17,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 const LEASE: Duration = Duration::from_secs(30);
-/// Interval of polling the queue.
+/// Interval between polls of the queue.
 const POLL: Duration = Duration::from_millis(20);
 
 #[derive(Clone, Debug, Serialize)]

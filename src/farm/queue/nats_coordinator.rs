@@ -84,7 +84,7 @@ impl NatsCoordinator {
         let consumer: PullConsumer = self.call(stream.get_or_create_consumer(CONSUMER, config))?;
         let got = &consumer.cached_info().config;
         if got.ack_wait != self.lease || got.max_ack_pending != -1 {
-            // A coordinator with another lease created the consumer. Tasks are redelivered, which only costs time.
+            // A coordinator with another lease duration created the consumer. Redelivered tasks only cost time.
             self.call(stream.delete_consumer(CONSUMER))?;
             return Err(QueueError(format!(
                 "the consumer {CONSUMER} had leases of {} s; it was removed and will be created with {} s",

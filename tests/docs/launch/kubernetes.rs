@@ -116,7 +116,7 @@ fn workers_are_an_indexed_job_with_time_to_requeue() {
     assert_eq!(cpu, Some(threads));
 }
 
-/// A worker refuses a queue with another lease.
+/// A worker refuses a queue if its own lease duration differs from the queue's.
 #[test]
 fn coordinator_and_workers_agree() {
     let (one, other) = (words("glasshouse-coordinator"), words("glasshouse-workers"));

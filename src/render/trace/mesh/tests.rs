@@ -315,7 +315,7 @@ fn triangles_are_counted() {
     assert_eq!(nothing.see([[0.1; LANES]; 2], [[0.0; LANES]; 2], LANES).w, [0.0; LANES]);
 }
 
-/// Returns vertices and triangles of a view's sheet, in the lens's coordinates.
+/// Returns the vertices and triangles of a view's sheet, in the lens's coordinates.
 fn sheet_of(view: &View) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let (nx, ny) = (view.grid.nx(), view.grid.ny());
     let vertices = view
