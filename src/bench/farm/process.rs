@@ -5,7 +5,7 @@ use super::place::Place;
 use crate::pipe::lines;
 use crossbeam::channel::Receiver;
 use serde_json::Value;
-use std::process::{Child, Command};
+use std::process::{Child, Command, ExitStatus};
 use std::time::{Duration, Instant};
 
 /// Start of the message of `work -v` that reports a ready worker; measurements wait for it.
@@ -105,12 +105,12 @@ impl<'a> Process<'a> {
         self.wait().map(|_| ())
     }
 
-    fn wait(&mut self) -> Result<Option<i32>, FarmBenchError> {
+    fn wait(&mut self) -> Result<ExitStatus, FarmBenchError> {
         loop {
             let status = self.child.try_wait();
             let status = status.map_err(FarmBenchError::system("wait for a process"))?;
             match status {
-                Some(status) => return Ok(status.code()),
+                Some(status) => return Ok(status),
                 None if self.age() > TOO_LONG => return Err(self.failed("hangs")),
                 None => {}
             }
@@ -121,10 +121,10 @@ impl<'a> Process<'a> {
 
     /// Waits for exit code 0; returns the printed JSON and the duration.
     pub(super) fn result(mut self) -> Result<(Value, Duration), FarmBenchError> {
-        let code = self.wait()?;
+        let status = self.wait()?;
         let took = self.age();
-        if code != Some(0) {
-            return Err(self.failed(&format!("ended with {code:?}")));
+        if !status.success() {
+            return Err(self.failed(&format!("ended with {status}")));
         }
         let text: Vec<String> = self.stdout.iter().collect();
         match serde_json::from_str(&text.join("\n")) {
