@@ -1,9 +1,10 @@
 //! Finds a file's kind from its bytes and calls the kind's reader.
 
+use super::digests::{CheckpointDigests, hold_file};
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, kind_by_name, kind_of, schema_of};
-use super::{archive, checkpoint, lists, manifest, partial, picture, record, tuple};
+use super::{archive, lists, manifest, partial, picture, record, tuple};
 use render::layer::Layer;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -34,8 +35,19 @@ fn read(kind: Kind, input: &Input) -> Inspection {
         Kind::Exr | Kind::Partial | Kind::TupleExr => image(input),
         Kind::TupleRecord => tuple::read_record(input),
         Kind::Manifest | Kind::Scene => manifest::read(kind, input),
-        Kind::CheckpointState => checkpoint::read_state(input),
-        Kind::Tensors => checkpoint::read_tensors(input),
+        Kind::CheckpointState => {
+            let mut found = record::read(kind, input);
+            #[cfg(feature = "train")]
+            super::tensors::check_state(&mut found, input);
+            found
+        }
+        Kind::Tensors => {
+            let mut found = Inspection::new(kind);
+            #[cfg(feature = "train")]
+            super::tensors::tell(&mut found, input);
+            hold_file::<CheckpointDigests>(&mut found, input);
+            found
+        }
         Kind::Archive => archive::read(input.bytes, input.bytes.len() as u64),
         Kind::Picture | Kind::Array | Kind::Mesh => picture::read(kind, input),
         Kind::PhotographList

@@ -135,7 +135,7 @@ pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
     text
 }
 
-/// Formats a value on one line; an object as its keys, a list of objects as its length.
+/// Formats a value on one line; an object as its keys and plain values, a list of objects as its length.
 pub(super) fn text_of(value: &Value) -> String {
     match value {
         Value::Null => "none".to_owned(),
@@ -144,6 +144,12 @@ pub(super) fn text_of(value: &Value) -> String {
         Value::Array(all) if all.is_empty() => "none".to_owned(),
         Value::Array(all) if all.iter().any(Value::is_object) => many(all.len() as u64, "object"),
         Value::Array(all) => first_of(&all.iter().map(text_of).collect::<Vec<_>>(), LIST_SHOWN),
-        Value::Object(object) => first_of(&object.keys().collect::<Vec<_>>(), LIST_SHOWN),
+        Value::Object(object) if object.values().any(|v| v.is_object() || v.is_array()) => {
+            first_of(&object.keys().collect::<Vec<_>>(), LIST_SHOWN)
+        }
+        Value::Object(object) => {
+            let pair = |(key, value): (&String, &Value)| format!("{key} {}", text_of(value));
+            first_of(&object.iter().map(pair).collect::<Vec<_>>(), LIST_SHOWN)
+        }
     }
 }

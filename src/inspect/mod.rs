@@ -25,7 +25,6 @@ mod tensors;
 
 // Special readers.
 mod archive;
-mod checkpoint;
 mod manifest;
 mod partial;
 mod tuple;
