@@ -9,7 +9,6 @@ use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
 use render::formats::{ExrChannels, decode_exr_channels};
 use render::layer::Layer;
 use serde_json::json;
-use std::fmt::Write;
 use std::io::Cursor;
 
 const MAX_CHANNELS: usize = 256;
@@ -152,20 +151,12 @@ pub(super) fn say_values<'a>(
         }
     }
     let mean = sum / count as f64;
-    let mut text = match count {
-        0 => "no finite value".to_owned(),
-        _ => format!("min {least:.5}  mean {mean:.5}  max {most:.5}"),
-    };
-    if nan + infinite > 0 {
-        let _ = write!(text, "; {nan} NaN, {infinite} infinite");
-    }
     let finite = |value: f64| (count > 0).then_some(value);
     let value = json!({
         "min": finite(least.into()), "mean": finite(mean), "max": finite(most.into()),
         "nan": nan, "infinite": infinite,
     });
-    found.facts.put(name, value);
-    found.facts.say(name, text);
+    found.facts.value(name, value);
     nan + infinite
 }
 

@@ -69,7 +69,7 @@ pub(crate) fn of_a_training(files: &mut Files) {
         &format!("{stage}/metrics.csv"),
         "metrics",
         unknown,
-        &["2 rows", "step 1 to 2", "total"],
+        &["2 rows", "columns step, total"],
     );
     files.is(&format!("{stage}/best.json"), "best", unknown, &["step", "validation psnr db"]);
     let events = std::fs::read_dir(files.folder.path().join(stage)).unwrap();
