@@ -88,7 +88,7 @@ fn image(input: &Input) -> Inspection {
 /// Reports a file whose bytes identify no kind; `kind` is the kind by its name.
 fn unknown(input: &Input, kind: Kind) -> Inspection {
     let mut found = Inspection::new(kind);
-    let start = beginning(input.bytes);
+    let start = format!("\"{}\"", input.bytes[..input.bytes.len().min(16)].escape_ascii());
     let is_empty = input.bytes.is_empty();
     let problem = match kind {
         Kind::Lock if is_empty => {
@@ -115,21 +115,6 @@ fn unknown(input: &Input, kind: Kind) -> Inspection {
     };
     found.wrong(problem);
     found
-}
-
-/// Formats the first bytes, as text if possible, otherwise in hexadecimal.
-fn beginning(bytes: &[u8]) -> String {
-    let start = &bytes[..bytes.len().min(16)];
-    if start.is_empty() {
-        return "nothing".to_owned();
-    }
-    match std::str::from_utf8(start) {
-        Ok(text) if text.chars().all(|c| !c.is_control() || c == '\n') => format!("{text:?}"),
-        _ => {
-            let hex: Vec<String> = start.iter().map(|byte| format!("{byte:02x}")).collect();
-            format!("bytes {}", hex.join(" "))
-        }
-    }
 }
 
 #[cfg(test)]

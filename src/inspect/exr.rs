@@ -99,11 +99,7 @@ pub(super) fn to_do(kind: Kind) -> &'static str {
 pub(super) fn read(input: &Input, head: &Head) -> Inspection {
     let mut found = Inspection::new(Kind::Exr);
     say_size(&mut found, head);
-    let stem = input.name.strip_suffix(".exr").unwrap_or(input.name);
-    if Layer::NAMES.contains(&stem) {
-        let text = format!("{stem}, linear radiance, by `glasshouse render` or `bench`");
-        found.facts.fact("layer", text, stem);
-    }
+    say_layer(&mut found, input.name, "linear radiance, by `glasshouse render` or `bench`");
     let names: Vec<&String> = head.channels.iter().map(|(name, _)| name).collect();
     found.facts.value("channels", json!(names));
     match decode_exr_channels(input.bytes) {
@@ -119,6 +115,14 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
         }
     }
     found
+}
+
+/// Adds the layer that the name of an image tells, with its encoding.
+pub(super) fn say_layer(found: &mut Inspection, name: &str, encoding: &str) {
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    if Layer::NAMES.contains(&stem) {
+        found.facts.fact("layer", format!("{stem}, {encoding}"), stem);
+    }
 }
 
 /// Adds size, precision and compression.

@@ -142,6 +142,7 @@ pub(super) fn text_of(value: &Value) -> String {
         Value::String(text) => cut(text.trim_end(), TEXT_SHOWN),
         Value::Number(_) | Value::Bool(_) => value.to_string(),
         Value::Array(all) if all.is_empty() => "none".to_owned(),
+        Value::Object(object) if object.is_empty() => "none".to_owned(),
         Value::Array(all) if all.iter().any(Value::is_object) => many(all.len() as u64, "object"),
         Value::Array(all) => first_of(&all.iter().map(text_of).collect::<Vec<_>>(), LIST_SHOWN),
         Value::Object(object) if object.values().any(|v| v.is_object() || v.is_array()) => {
