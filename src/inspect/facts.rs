@@ -33,7 +33,7 @@ impl Problem {
     }
 }
 
-/// Result of the question whether a file is intact.
+/// Result of the check whether a file is intact.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Whole {
     /// The file is intact, with the evidence.

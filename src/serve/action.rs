@@ -8,13 +8,13 @@ pub const MIN_TOKEN_CHARACTERS: usize = 16;
 /// A change of a run's state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Let workers finish their open scenes and start no others.
+    /// Lets workers finish their open scenes and start no others.
     Pause,
-    /// Continue after a pause.
+    /// Continues after a pause.
     Resume,
-    /// Cancel the rest of the run.
+    /// Cancels the rest of the run.
     Cancel,
-    /// Take a scene out of quarantine and try it again.
+    /// Takes a scene out of quarantine, so that workers try it again.
     Retry(SceneId),
 }
 
