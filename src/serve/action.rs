@@ -28,8 +28,8 @@ impl Token {
         (text.chars().count() >= MIN_TOKEN_CHARACTERS).then(|| Self(blake3::hash(text.as_bytes())))
     }
 
-    /// True if the value of an `Authorization` header contains this token. The comparison of digests takes constant time,
-    /// so that the time reveals neither the token's length nor a correct prefix of a guess.
+    /// True if the value of an `Authorization` header contains this token. The comparison of digests takes constant
+    /// time, so that the time reveals neither the token's length nor a correct prefix of a guess.
     pub(super) fn opens(&self, authorization: &[u8]) -> bool {
         let Some((scheme, given)) = authorization.split_at_checked(7) else {
             return false;
