@@ -84,9 +84,11 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
     let object = json!({
         "scene": id, "split": split, "front": front.name(), "back": back.name(),
         "film": { "width": film.width, "height": film.height, "spp": film.spp },
-        "layers": record.layers, "inputs": record.inputs, "tracer_version": record.tracer_version,
+        "layers": record.layers, "tracer_version": record.tracer_version,
     });
     tell(found, object.as_object().into_iter().flatten());
+    let inputs = many(record.inputs.0.len() as u64, "input file");
+    found.facts.fact("inputs", inputs, json!(record.inputs));
     if record.tracer_version != TRACER_VERSION {
         found.next.push(format!(
             "tracer version {} made it, this program has {TRACER_VERSION}",
