@@ -32,7 +32,6 @@ pub struct ErrorReport<'a> {
     pub seeds: u32,
     /// Samples a pixel of each rung.
     pub spp: &'a [u32],
-    #[serde(serialize_with = "reference_object")]
     pub reference: &'a Reference,
     pub slopes: Vec<Slope>,
     /// Rows by variant, rung and layer.
@@ -42,21 +41,19 @@ pub struct ErrorReport<'a> {
     pub out: Option<PathBuf>,
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference to the field")]
-fn reference_object<S: Serializer>(
-    reference: &&Reference,
-    serializer: S,
-) -> Result<S::Ok, S::Error> {
-    let dir = reference.dir.to_string_lossy();
-    let Some(record) = &reference.record else {
-        return json!({ "dir": dir }).serialize(serializer);
-    };
-    let stated: BTreeMap<_, _> = Layer::NAMES.into_iter().zip(record.error_rms).collect();
-    let object = json!({
-        "dir": dir, "spp": record.spp, "seed": record.seed, "stated_rmse": stated,
-        "cpu_s": record.cpu_s, "reused": reference.reused,
-    });
-    object.serialize(serializer)
+impl Serialize for Reference {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let dir = self.dir.to_string_lossy();
+        let Some(record) = &self.record else {
+            return json!({ "dir": dir }).serialize(serializer);
+        };
+        let stated: BTreeMap<_, _> = Layer::NAMES.into_iter().zip(record.error_rms).collect();
+        let object = json!({
+            "dir": dir, "spp": record.spp, "seed": record.seed, "stated_rmse": stated,
+            "cpu_s": record.cpu_s, "reused": self.reused,
+        });
+        object.serialize(serializer)
+    }
 }
 
 #[derive(Serialize)]

@@ -87,8 +87,7 @@ pub struct BuildRow {
 }
 
 /// Callback with each class: name, rays, hits (1/m), and Mrays/s of the first instruction set.
-pub(super) type OnClass<'a> =
-    dyn FnMut(&str, &BundleProbe, &[f32], f64) -> Result<(), BenchError> + 'a;
+type OnClass<'a> = dyn FnMut(&str, &BundleProbe, &[f32], f64) -> Result<(), BenchError> + 'a;
 
 /// Returns the name of an instruction set: `avx2` or `baseline`.
 pub fn isa_name(isa: Isa) -> &'static str {

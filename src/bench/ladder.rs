@@ -53,7 +53,7 @@ fn with_samples(line: &SceneLine, spp: u32) -> SceneLine {
 }
 
 /// Sets a target error in place of a sample count: the higher the rung, the lower the target. With this factor, a rung
-/// costs about as much as with a sample count, on photographs.
+/// costs about as much as the same rung of the other variants on photographs.
 fn with_target(line: &SceneLine, rung: u32) -> SceneLine {
     let mut line = with_samples(line, MOST_SAMPLES);
     line.film.target_error = Some(0.03 / f64::from(rung).sqrt());

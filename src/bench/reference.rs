@@ -110,9 +110,8 @@ pub fn own_reference(
             .map_err(|e| BenchError::Encode { name, reason: e.to_string() })?;
         atomic_file::write(&dir.join(format!("{name}.exr")), &exr)?;
     }
-    let mut json = serde_json::to_string_pretty(&record).expect("all keys of a record are strings");
-    json.push('\n');
-    atomic_file::write(&record_path, json.as_bytes())?;
+    let json = serde_json::json!(record);
+    atomic_file::write(&record_path, format!("{json:#}\n").as_bytes())?;
     Ok(Some(Reference {
         layers: tuple.layers,
         record: Some(record),

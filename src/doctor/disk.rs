@@ -101,7 +101,7 @@ fn speed(place: &Path) -> io::Result<Finding> {
         .with("mb_per_s", rate))
 }
 
-/// Measures the time of a durable write, as of a partial or a file of a tuple.
+/// Measures the time of a durable write, which the store needs for each partial and each file of a tuple.
 fn durable(place: &Path) -> io::Result<Finding> {
     let mut seconds = Vec::new();
     for number in 0..DURABLE_FILES {

@@ -32,7 +32,7 @@ pub struct ExportOptions {
 
 #[derive(Clone, Debug)]
 pub struct ExportPlan {
-    /// Written to `export.json`.
+    /// Content of `export.json`.
     pub request: ExportRequest,
     /// Indices in the manifest: split by split, in the order of file names.
     pub scenes: Vec<usize>,

@@ -1,9 +1,10 @@
 //! Finds a file's kind from its bytes and calls the kind's reader.
 
+use super::digests::{CheckpointDigests, hold_file};
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, kind_by_name, kind_of, schema_of};
-use super::{archive, checkpoint, lists, manifest, partial, picture, record, tuple};
+use super::{archive, lists, manifest, partial, picture, record, tuple};
 use render::layer::Layer;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -34,8 +35,19 @@ fn read(kind: Kind, input: &Input) -> Inspection {
         Kind::Exr | Kind::Partial | Kind::TupleExr => image(input),
         Kind::TupleRecord => tuple::read_record(input),
         Kind::Manifest | Kind::Scene => manifest::read(kind, input),
-        Kind::CheckpointState => checkpoint::read_state(input),
-        Kind::Tensors => checkpoint::read_tensors(input),
+        Kind::CheckpointState => {
+            let mut found = record::read(kind, input);
+            #[cfg(feature = "train")]
+            super::tensors::check_state(&mut found, input);
+            found
+        }
+        Kind::Tensors => {
+            let mut found = Inspection::new(kind);
+            #[cfg(feature = "train")]
+            super::tensors::tell(&mut found, input);
+            hold_file::<CheckpointDigests>(&mut found, input);
+            found
+        }
         Kind::Archive => archive::read(input.bytes, input.bytes.len() as u64),
         Kind::Picture | Kind::Array | Kind::Mesh => picture::read(kind, input),
         Kind::PhotographList
@@ -76,7 +88,7 @@ fn image(input: &Input) -> Inspection {
 /// Reports a file whose bytes identify no kind; `kind` is the kind by its name.
 fn unknown(input: &Input, kind: Kind) -> Inspection {
     let mut found = Inspection::new(kind);
-    let start = beginning(input.bytes);
+    let start = format!("\"{}\"", input.bytes[..input.bytes.len().min(16)].escape_ascii());
     let is_empty = input.bytes.is_empty();
     let problem = match kind {
         Kind::Lock if is_empty => {
@@ -103,21 +115,6 @@ fn unknown(input: &Input, kind: Kind) -> Inspection {
     };
     found.wrong(problem);
     found
-}
-
-/// Formats the first bytes, as text if possible, otherwise in hexadecimal.
-fn beginning(bytes: &[u8]) -> String {
-    let start = &bytes[..bytes.len().min(16)];
-    if start.is_empty() {
-        return "nothing".to_owned();
-    }
-    match std::str::from_utf8(start) {
-        Ok(text) if text.chars().all(|c| !c.is_control() || c == '\n') => format!("{text:?}"),
-        _ => {
-            let hex: Vec<String> = start.iter().map(|byte| format!("{byte:02x}")).collect();
-            format!("bytes {}", hex.join(" "))
-        }
-    }
 }
 
 #[cfg(test)]

@@ -9,7 +9,6 @@ use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
 use render::formats::{ExrChannels, decode_exr_channels};
 use render::layer::Layer;
 use serde_json::json;
-use std::fmt::Write;
 use std::io::Cursor;
 
 const MAX_CHANNELS: usize = 256;
@@ -100,11 +99,7 @@ pub(super) fn to_do(kind: Kind) -> &'static str {
 pub(super) fn read(input: &Input, head: &Head) -> Inspection {
     let mut found = Inspection::new(Kind::Exr);
     say_size(&mut found, head);
-    let stem = input.name.strip_suffix(".exr").unwrap_or(input.name);
-    if Layer::NAMES.contains(&stem) {
-        let text = format!("{stem}, linear radiance, by `glasshouse render` or `bench`");
-        found.facts.fact("layer", text, stem);
-    }
+    say_layer(&mut found, input.name, "linear radiance, by `glasshouse render` or `bench`");
     let names: Vec<&String> = head.channels.iter().map(|(name, _)| name).collect();
     found.facts.value("channels", json!(names));
     match decode_exr_channels(input.bytes) {
@@ -120,6 +115,14 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
         }
     }
     found
+}
+
+/// Adds the layer that the name of an image tells, with its encoding.
+pub(super) fn say_layer(found: &mut Inspection, name: &str, encoding: &str) {
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    if Layer::NAMES.contains(&stem) {
+        found.facts.fact("layer", format!("{stem}, {encoding}"), stem);
+    }
 }
 
 /// Adds size, precision and compression.
@@ -152,20 +155,12 @@ pub(super) fn say_values<'a>(
         }
     }
     let mean = sum / count as f64;
-    let mut text = match count {
-        0 => "no finite value".to_owned(),
-        _ => format!("min {least:.5}  mean {mean:.5}  max {most:.5}"),
-    };
-    if nan + infinite > 0 {
-        let _ = write!(text, "; {nan} NaN, {infinite} infinite");
-    }
     let finite = |value: f64| (count > 0).then_some(value);
     let value = json!({
         "min": finite(least.into()), "mean": finite(mean), "max": finite(most.into()),
         "nan": nan, "infinite": infinite,
     });
-    found.facts.put(name, value);
-    found.facts.say(name, text);
+    found.facts.value(name, value);
     nan + infinite
 }
 

@@ -33,7 +33,7 @@ impl Problem {
     }
 }
 
-/// Result of the question whether a file is intact.
+/// Result of the check whether a file is intact.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Whole {
     /// The file is intact, with the evidence.
@@ -135,15 +135,22 @@ pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
     text
 }
 
-/// Formats a value on one line; an object as its keys, a list of objects as its length.
+/// Formats a value on one line; an object as its keys and plain values, a list of objects as its length.
 pub(super) fn text_of(value: &Value) -> String {
     match value {
         Value::Null => "none".to_owned(),
         Value::String(text) => cut(text.trim_end(), TEXT_SHOWN),
         Value::Number(_) | Value::Bool(_) => value.to_string(),
         Value::Array(all) if all.is_empty() => "none".to_owned(),
+        Value::Object(object) if object.is_empty() => "none".to_owned(),
         Value::Array(all) if all.iter().any(Value::is_object) => many(all.len() as u64, "object"),
         Value::Array(all) => first_of(&all.iter().map(text_of).collect::<Vec<_>>(), LIST_SHOWN),
-        Value::Object(object) => first_of(&object.keys().collect::<Vec<_>>(), LIST_SHOWN),
+        Value::Object(object) if object.values().any(|v| v.is_object() || v.is_array()) => {
+            first_of(&object.keys().collect::<Vec<_>>(), LIST_SHOWN)
+        }
+        Value::Object(object) => {
+            let pair = |(key, value): (&String, &Value)| format!("{key} {}", text_of(value));
+            first_of(&object.iter().map(pair).collect::<Vec<_>>(), LIST_SHOWN)
+        }
     }
 }

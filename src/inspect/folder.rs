@@ -6,10 +6,9 @@ use super::file::inspect_file;
 use super::kind::Kind;
 use crate::run::{Control, ControlState, Counts, Run, Scope, Snapshot, keys};
 use crate::store::Store;
-use crate::text::many;
 use render::layer::Layer;
 use render::line::Roots;
-use serde_json::json;
+use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
 /// Inspects a file or folder. Every error, even of a missing file, becomes a problem of the inspection.
@@ -174,16 +173,13 @@ fn say_status(found: &mut Inspection, run: &Run, status: &Counts) {
 }
 
 fn say_training(found: &mut Inspection, folder: &Path) {
-    let mut stages = serde_json::Map::new();
-    for stage in ["backtrack", "separation"] {
+    let newest = |stage: &str| {
         let steps = checkpoints(&folder.join("train").join(stage));
-        if let Some((newest, _)) = steps.last() {
-            let count = many(steps.len() as u64, "checkpoint");
-            found.facts.say("training", format!("{stage}: {count}, newest {newest}"));
-            stages.insert(stage.to_owned(), json!(step_of(newest)));
-        }
-    }
-    found.facts.put("training", stages);
+        Some((stage.to_owned(), json!(step_of(&steps.last()?.0))))
+    };
+    let stages: Map<String, Value> =
+        ["backtrack", "separation"].into_iter().filter_map(newest).collect();
+    found.facts.value("training", stages);
 }
 
 /// Adds the state of a paused or cancelled run.

@@ -3,7 +3,6 @@
 use super::facts::{Inspection, Problem, first_of};
 use super::input::{AGAIN, Input};
 use super::kind::Kind;
-use crate::plot::number;
 use crate::text::{csv_cells, many};
 use plan::{RejectedScene, parse_list};
 use serde::de::DeserializeOwned;
@@ -86,43 +85,28 @@ fn json_lines<T: DeserializeOwned>(found: &mut Inspection, text: &str) -> Vec<T>
     read
 }
 
-/// Reads rows with one cell per column, and adds the range of each numeric column.
+/// Reads rows with one cell per column. Every cell of a training's metrics must be empty or a finite number.
 fn table<'a>(
     found: &mut Inspection,
     mut lines: impl Iterator<Item = &'a str>,
     cells: impl Fn(&str) -> Option<Vec<String>>,
 ) {
     let columns = lines.next().and_then(&cells).unwrap_or_default();
+    let is_number = |cell: &String| cell.is_empty() || cell.parse().is_ok_and(f64::is_finite);
     let mut rows = 0;
-    let mut ranges: Vec<Option<[f64; 2]>> =
-        vec![Some([f64::INFINITY, f64::NEG_INFINITY]); columns.len()];
     for line in lines {
         rows += 1;
+        let place = format!("row {rows}");
         let Some(row) = cells(line).filter(|row| row.len() == columns.len()) else {
             let what = format!("it does not have {} cells", columns.len());
-            found.wrong(Problem::new(what, AGAIN).at(format!("row {rows}")));
+            found.wrong(Problem::new(what, AGAIN).at(place));
             break;
         };
-        for (range, cell) in ranges.iter_mut().zip(row).filter(|(_, cell)| !cell.is_empty()) {
-            *range = range.and_then(|[least, most]| {
-                let value: f64 = cell.parse().ok()?;
-                Some([least.min(value), most.max(value)])
-            });
-            if found.kind == Kind::Metrics && !cell.parse().is_ok_and(f64::is_finite) {
-                let problem = Problem::new(format!("{cell} is not a finite number"), FINITE);
-                found.wrong(problem.at(format!("row {rows}")));
-            }
+        if found.kind == Kind::Metrics && !row.iter().all(is_number) {
+            found.wrong(Problem::new("a cell is not a finite number", FINITE).at(place));
         }
     }
     count(found, "rows", rows);
-    for (column, range) in columns.iter().zip(ranges) {
-        if let Some([least, most]) = range.filter(|[least, most]| least <= most) {
-            let is_one = least == most;
-            let [least, most] = [least, most].map(number);
-            let range = if is_one { least } else { format!("{least} to {most}") };
-            found.facts.say(column.replace('_', " "), range);
-        }
-    }
     say_columns(found, columns);
 }
 

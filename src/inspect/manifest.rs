@@ -71,25 +71,25 @@ fn say(found: &mut Inspection, lines: &[SceneLine]) {
     }
 }
 
-/// Parameters whose ranges are shown: name, JSON pointer into a line, unit.
-const NUMBERS: &[(&str, &str, &str)] = &[
-    ("film.width", "/film/width", "px"),
-    ("film.height", "/film/height", "px"),
-    ("film.spp", "/film/spp", "samples a pixel"),
-    ("camera.focal_length_mm", "/camera/focal_length_mm", "mm"),
-    ("camera.aperture_radius_m", "/camera/aperture_radius_m", "m"),
-    ("camera.exposure", "/camera/exposure", ""),
-    ("glass.distance_m", "/glass/distance_m", "m"),
-    ("glass.thickness_m", "/glass/thickness_m", "m"),
-    ("glass.ior", "/glass/ior", ""),
-    ("glass.tilt_deg pitch", "/glass/tilt_deg/0", "degrees"),
-    ("glass.tilt_deg yaw", "/glass/tilt_deg/1", "degrees"),
+/// Parameters whose ranges are shown, as JSON pointers into a line, with names for the elements of arrays.
+const NUMBERS: &[(&str, &str)] = &[
+    ("film.width", "/film/width"),
+    ("film.height", "/film/height"),
+    ("film.spp", "/film/spp"),
+    ("camera.focal_length_mm", "/camera/focal_length_mm"),
+    ("camera.aperture_radius_m", "/camera/aperture_radius_m"),
+    ("camera.exposure", "/camera/exposure"),
+    ("glass.distance_m", "/glass/distance_m"),
+    ("glass.thickness_m", "/glass/thickness_m"),
+    ("glass.ior", "/glass/ior"),
+    ("glass.tilt_deg pitch", "/glass/tilt_deg/0"),
+    ("glass.tilt_deg yaw", "/glass/tilt_deg/1"),
 ];
 
 fn say_ranges(found: &mut Inspection, lines: &[SceneLine]) {
     let lines: Vec<Value> = lines.iter().map(|line| json!(line)).collect();
     let mut ranges = Map::new();
-    for (name, place, unit) in NUMBERS {
+    for (name, place) in NUMBERS {
         let values = lines.iter().filter_map(|line| line.pointer(place)?.as_f64());
         let (least, most) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), value| {
             (lo.min(value), hi.max(value))
@@ -97,7 +97,7 @@ fn say_ranges(found: &mut Inspection, lines: &[SceneLine]) {
         if least <= most {
             let range =
                 if least == most { least.to_string() } else { format!("{least} to {most}") };
-            found.facts.say(*name, format!("{range} {unit}").trim_end());
+            found.facts.say(*name, range);
             ranges.insert((*name).to_owned(), json!([least, most]));
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! A path is a file or a folder. A file's first bytes decide its kind, and each kind has a reader. Small files share a
 //! generic reader (`record` and `lists`: checked by the type of their schema, shown as a table); partials, tuples,
-//! scene lines, checkpoints, archives and runs have special readers. Each group of modules uses only groups above it.
+//! scene lines, tensors, archives and runs have special readers. Each group of modules uses only groups above it.
 //!
 //! Readers take bytes (or a stream) and return facts; only `file` and `folder` access the disk. Hostile bytes become a
 //! [`Problem`], never a panic, and every number in a header is checked against the file's length before it is used.
@@ -25,7 +25,6 @@ mod tensors;
 
 // Special readers.
 mod archive;
-mod checkpoint;
 mod manifest;
 mod partial;
 mod tuple;

@@ -4,6 +4,7 @@ use super::exr::{Head, say_values, to_do};
 use super::facts::{Inspection, Problem};
 use super::input::Input;
 use super::kind::Kind;
+use super::record::tell;
 use crate::run::keys;
 use render::layer::Layer;
 use render::partial::{PARTIAL_SCHEMA, PartialHeader, decode};
@@ -43,29 +44,11 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
 }
 
 fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
-    let (facts, tile, [start, end]) = (&mut found.facts, header.tile, header.samples);
-    facts.value("scene", header.scene.as_str());
-    let last = |start: u32, length: u32| u64::from(start) + u64::from(length.max(1)) - 1;
-    let text = format!(
-        "{}: x {}-{}, y {}-{} of a film of {} x {} px",
-        header.shard,
-        tile.x,
-        last(tile.x, tile.width),
-        tile.y,
-        last(tile.y, tile.height),
-        header.film[0],
-        header.film[1]
-    );
-    facts.fact("shard", text, header.shard);
-    facts.put("tile", json!(tile));
-    facts.put("film", json!(header.film));
-    let text = format!("{start} to {} of each pixel", end.saturating_sub(1));
-    facts.fact("samples", text, json!(header.samples));
-    facts.value("layer_samples", json!(header.layer_samples));
-    facts.value("paths", json!(header.paths));
-    facts.value("misses", json!(header.misses));
-    facts.value("tracer_version", header.tracer_version);
-    facts.put("line_blake3", header.line_blake3.as_str());
+    // tuple.json has the digests of the input files and the facts of the scene, too.
+    const OMITTED: [&str; 4] = ["schema", "inputs", "facts", "blake3"];
+    let object = json!(header);
+    let object = object.as_object().into_iter().flatten();
+    tell(found, object.filter(|(key, _)| !OMITTED.contains(&key.as_str())));
     if header.schema != PARTIAL_SCHEMA {
         let what =
             format!("its schema is {:?}, this program reads {PARTIAL_SCHEMA:?}", header.schema);

@@ -1,11 +1,11 @@
 //! Inspects pictures, arrays and meshes: inputs and previews.
 
+use super::exr::say_layer;
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::Kind;
 use crate::text::grouped;
 use render::formats::{NamedBytes, SceneError, npy_facts, ply_counts};
-use render::layer::Layer;
 use render::scene::{FileRole, look_at_whole};
 use serde_json::json;
 
@@ -32,13 +32,8 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
 }
 
 fn picture(found: &mut Inspection, file: &NamedBytes) -> Result<(), SceneError> {
-    let name = file.path.to_string_lossy();
-    let stem = name.strip_suffix(".png").unwrap_or(&name);
-    if Layer::NAMES.contains(&stem) {
-        let text =
-            format!("{stem}, 8-bit sRGB, values above 1 clipped; tuple.exr has the radiance");
-        found.facts.fact("layer", text, stem);
-    }
+    let encoding = "8-bit sRGB, values above 1 clipped; tuple.exr has the radiance";
+    say_layer(found, &file.path.to_string_lossy(), encoding);
     if let Some([width, height]) = look_at_whole(FileRole::Color, file)? {
         let text = format!("{width} x {height} px, usable as a colour image");
         found.facts.fact("image", text, json!([width, height]));

@@ -1,6 +1,6 @@
 //! Inspects small files with one JSON object or TOML table: checks their type and shows a table of keys and values.
 
-use super::digests::{Digested, hold_record};
+use super::digests::{CheckpointDigests, Digested, hold_record};
 use super::facts::{Inspection, Problem, text_of};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, schema_of};
@@ -8,41 +8,24 @@ use crate::run::{AttemptRecord, Control, PartialsProvenance, Provenance, Quarant
 use plan::{DepthRanges, Recipe, TrainRecipe};
 use render::shard::Spec;
 use render::trace::TRACER_VERSION;
-use serde::Deserialize;
 use serde::de::{DeserializeOwned, IgnoredAny};
 use serde_json::{Map, Value, json};
-
-#[derive(Deserialize)]
-#[allow(dead_code, reason = "only its form is checked")]
-struct Finished {
-    scenes: u64,
-    quarantined: u64,
-}
-
-#[derive(Deserialize)]
-#[allow(dead_code, reason = "only its form is checked")]
-struct Best {
-    step: u64,
-    validation_psnr_db: f64,
-}
 
 /// Inspects a record of a kind without a special reader.
 pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
     let mut found = Inspection::new(kind);
     let object = match kind {
-        Kind::Spec => {
-            let spec = typed::<Spec>(&mut found, input, Spec::TO_DO);
-            spec.map(|(spec, object)| {
-                hold_record(&mut found, input, &spec);
-                object
-            })
-        }
+        Kind::Spec => held::<Spec>(&mut found, input),
+        Kind::CheckpointState => held::<CheckpointDigests>(&mut found, input).map(|mut state| {
+            let psnr = state.remove("validation_psnr_db");
+            state.insert("validation".to_owned(), psnr.unwrap_or_default());
+            state
+        }),
         Kind::Quarantine => keys_of::<QuarantineRecord>(&mut found, input),
         Kind::Attempt => keys_of::<AttemptRecord>(&mut found, input),
         Kind::Receipt => keys_of::<Provenance>(&mut found, input),
         Kind::MadeBy => keys_of::<PartialsProvenance>(&mut found, input),
-        Kind::Finished => keys_of::<Finished>(&mut found, input),
-        Kind::Best => keys_of::<Best>(&mut found, input),
+        Kind::Finished | Kind::Best => keys_of::<IgnoredAny>(&mut found, input),
         Kind::TrainRecipe => keys_of::<TrainRecipe>(&mut found, input),
         Kind::Control => {
             let object = keys_of::<IgnoredAny>(&mut found, input);
@@ -61,7 +44,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         tell(&mut found, &object);
         check_name(&mut found, input.name, &object);
         advise(&mut found, &object);
-        if kind != Kind::Spec {
+        if !matches!(kind, Kind::Spec | Kind::CheckpointState) {
             found.may_be_whole("it can be read; files of this kind have no digest");
         }
     }
@@ -100,6 +83,13 @@ fn json_problem(error: &serde_json::Error, to_do: &str) -> Problem {
     let what = if error.is_eof() { "it is truncated" } else { "it cannot be read" };
     let place = format!("line {}, column {}", error.line(), error.column());
     Problem::new(format!("{what}: {reason}"), to_do).at(place)
+}
+
+/// Parses a record and compares the files beside it with their digests in it.
+fn held<D: Digested>(found: &mut Inspection, input: &Input) -> Option<Map<String, Value>> {
+    let (record, object) = typed::<D>(found, input, D::TO_DO)?;
+    hold_record(found, input, &record);
+    Some(object)
 }
 
 fn keys_of<T: DeserializeOwned>(
@@ -142,9 +132,12 @@ fn summary(kind: Kind, object: Map<String, Value>) -> Map<String, Value> {
 }
 
 /// Adds keys and values; the rows of a nested object start with its key.
-fn tell(found: &mut Inspection, object: &Map<String, Value>) {
+pub(super) fn tell<'a>(
+    found: &mut Inspection,
+    object: impl IntoIterator<Item = (&'a String, &'a Value)>,
+) {
     let known = schema_of(found.kind).is_some();
-    for (key, value) in object.iter().filter(|(key, _)| !(known && *key == "schema")) {
+    for (key, value) in object.into_iter().filter(|(key, _)| !(known && *key == "schema")) {
         let Value::Object(inside) = value else {
             found.facts.value(key, value.clone());
             continue;
@@ -156,30 +149,16 @@ fn tell(found: &mut Inspection, object: &Map<String, Value>) {
     }
 }
 
-/// Checks that a record's name matches its content.
+/// Checks that the name of an attempt matches its content.
 fn check_name(found: &mut Inspection, name: &str, object: &Map<String, Value>) {
-    let scene = object.get("scene").and_then(Value::as_str);
-    let is_named_so = |scene: &&str| name.strip_suffix(".json") == Some(scene);
-    match found.kind {
-        Kind::Quarantine | Kind::Receipt => {
-            if let Some(scene) = scene.filter(|scene| !is_named_so(scene)) {
-                found.next.push(format!(
-                    "rename it to {scene}.json: in a run, the name of the file tells its scene"
-                ));
-            }
-        }
-        Kind::Attempt => {
-            let is_other = |(shards, n): ([u32; 2], u32)| {
-                object["shards"] != json!(shards) || object["n"] != json!(n)
-            };
-            if keys::attempt_of(name).is_some_and(is_other) {
-                found.wrong(Problem::new(
-                    "its name and its content have different shards or numbers",
-                    "delete it; workers then ignore the attempt",
-                ));
-            }
-        }
-        _ => {}
+    let is_other = |(shards, n): ([u32; 2], u32)| {
+        object.get("shards") != Some(&json!(shards)) || object.get("n") != Some(&json!(n))
+    };
+    if found.kind == Kind::Attempt && keys::attempt_of(name).is_some_and(is_other) {
+        found.wrong(Problem::new(
+            "its name and its content have different shards or numbers",
+            "delete it; workers then ignore the attempt",
+        ));
     }
 }
 

@@ -12,6 +12,9 @@ use train::{CheckpointState, code_path};
 
 /// Checks `state.json` by its type, and compares its instructions with this machine's.
 pub(super) fn check_state(found: &mut Inspection, input: &Input) {
+    if !found.is_sound() {
+        return;
+    }
     let state = typed::<CheckpointState>(found, input, CheckpointDigests::TO_DO);
     if let Some((state, _)) = state.filter(|(state, _)| state.code_path != code_path()) {
         found.next.push(format!(

@@ -5,14 +5,13 @@ use super::exr::{self, Head, say_layers, say_size};
 use super::facts::{Inspection, Problem};
 use super::input::Input;
 use super::kind::Kind;
-use super::record::typed;
+use super::record::{tell, typed};
 use crate::text::many;
 use render::formats::decode_exr_channels;
-use render::layer::Layer;
+use render::line::SceneLine;
 use render::merge::{TupleRecord, decode_tuple_exr, tuple_files};
 use render::trace::TRACER_VERSION;
 use serde_json::json;
-use std::fmt::Write;
 
 impl Digested for TupleRecord {
     const NAME: &'static str = "tuple.json";
@@ -81,32 +80,15 @@ pub(super) fn read_record(input: &Input) -> Inspection {
 }
 
 fn say(found: &mut Inspection, record: &TupleRecord) {
-    let (scene, film) = (&record.scene, &record.scene.film);
-    let facts = &mut found.facts;
-    let text = format!("{}, split {}", scene.id, scene.split);
-    facts.fact("scene", text, scene.id.as_str());
-    facts.put("split", scene.split.to_string());
-    let text = format!("{} x {} px, {} samples a pixel", film.width, film.height, film.spp);
-    let size = json!({ "width": film.width, "height": film.height, "spp": film.spp });
-    facts.fact("film", text, size);
-    facts.value("front", scene.front.name());
-    facts.value("back", scene.back.name());
-    let made = Layer::NAMES.map(|name| Some((name, record.layers.get(name)?)));
-    for (name, layer) in made.into_iter().flatten() {
-        let error = layer.error_rms;
-        let error = error.map_or_else(|| "unknown".to_owned(), |e| format!("{e:.1e}"));
-        let mut text = format!("mean {:.5}  max {:.4}  error {error}", layer.mean, layer.max);
-        for (what, share) in [("clipped", layer.clipped_share), ("missed", layer.miss_share)] {
-            if share > 0.0 {
-                let _ = write!(text, ", {:.2} % {what}", share * 100.0);
-            }
-        }
-        facts.say(name, text);
-    }
-    facts.put("layers", json!(record.layers));
-    let text = many(record.inputs.0.len() as u64, "input file");
-    facts.fact("inputs", text, json!(record.inputs));
-    facts.value("tracer_version", record.tracer_version);
+    let SceneLine { id, split, front, back, film, .. } = &record.scene;
+    let object = json!({
+        "scene": id, "split": split, "front": front.name(), "back": back.name(),
+        "film": { "width": film.width, "height": film.height, "spp": film.spp },
+        "layers": record.layers, "tracer_version": record.tracer_version,
+    });
+    tell(found, object.as_object().into_iter().flatten());
+    let inputs = many(record.inputs.0.len() as u64, "input file");
+    found.facts.fact("inputs", inputs, json!(record.inputs));
     if record.tracer_version != TRACER_VERSION {
         found.next.push(format!(
             "tracer version {} made it, this program has {TRACER_VERSION}",

@@ -119,7 +119,7 @@ fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
     }
 }
 
-/// Draws the rejected draws, or the error of reading them.
+/// Makes the section of rejected draws, or reports the error of reading them.
 fn rejected(run: &Run) -> Markup {
     match read_rejected(run.path(keys::REJECTED)) {
         Ok(rejected) => rejections(run.lines.len(), &rejected),

@@ -8,13 +8,13 @@ pub const MIN_TOKEN_CHARACTERS: usize = 16;
 /// A change of a run's state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Let workers finish their open scenes and start no others.
+    /// Lets workers finish their open scenes and start no others.
     Pause,
-    /// Continue after a pause.
+    /// Continues after a pause.
     Resume,
-    /// Cancel the rest of the run.
+    /// Cancels the rest of the run.
     Cancel,
-    /// Take a scene out of quarantine and try it again.
+    /// Takes a scene out of quarantine, so that workers try it again.
     Retry(SceneId),
 }
 
@@ -28,8 +28,8 @@ impl Token {
         (text.chars().count() >= MIN_TOKEN_CHARACTERS).then(|| Self(blake3::hash(text.as_bytes())))
     }
 
-    /// True if the value of an `Authorization` header contains this token. The comparison of digests takes constant time,
-    /// so that the time reveals neither the token's length nor a correct prefix of a guess.
+    /// True if the value of an `Authorization` header contains this token. The comparison of digests takes constant
+    /// time, so that the time reveals neither the token's length nor a correct prefix of a guess.
     pub(super) fn opens(&self, authorization: &[u8]) -> bool {
         let Some((scheme, given)) = authorization.split_at_checked(7) else {
             return false;

@@ -86,7 +86,7 @@ fn of_a_run(files: &mut Files) {
         &format!("runs/smoke/partials/{SCENE}/000000.exr"),
         "partial",
         whole,
-        &[SCENE, "x 0-63", "0 to 63", "digest fits", "clean_reflection"],
+        &[SCENE, "tile width 64", "samples 0, 64", "digest fits", "clean reflection"],
     );
     let tuple = format!("runs/smoke/tuples/{SCENE}");
     files.is(&tuple, "tuple", whole, &[SCENE, "fit every layer"]);
@@ -100,7 +100,7 @@ fn of_a_run(files: &mut Files) {
         &format!("{tuple}/tuple.json"),
         "tuple_record",
         unknown,
-        &["64 samples", "error", "render"],
+        &["film spp 64", "error_rms", "render"],
     );
     files.is(
         &format!("{tuple}/glass_reflection.png"),

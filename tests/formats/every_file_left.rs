@@ -50,7 +50,7 @@ pub(crate) fn of_a_training(files: &mut Files) {
     );
     files.is("runs/smoke/train/backtrack", "stage", whole, &["step-0000002", "total"]);
     let step = "runs/smoke/train/separation/step-0000002";
-    files.is(step, "checkpoint", whole, &["separation: SP-net and BT-net", "state.json fit"]);
+    files.is(step, "checkpoint", whole, &["stage separation", "state.json fit"]);
     files.is(
         &format!("{step}/state.json"),
         "checkpoint_state",
@@ -69,7 +69,7 @@ pub(crate) fn of_a_training(files: &mut Files) {
         &format!("{stage}/metrics.csv"),
         "metrics",
         unknown,
-        &["2 rows", "step 1 to 2", "total"],
+        &["2 rows", "columns step, total"],
     );
     files.is(&format!("{stage}/best.json"), "best", unknown, &["step", "validation psnr db"]);
     let events = std::fs::read_dir(files.folder.path().join(stage)).unwrap();

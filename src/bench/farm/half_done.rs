@@ -17,7 +17,7 @@ use render::trace::Isa;
 pub(super) struct HalfDone {
     /// Number of scenes with a tuple: those at even positions.
     pub(super) tuples: u64,
-    /// Number of stored partials: the first half of every other scene's.
+    /// Number of stored partials: the first half of each scene without a tuple.
     pub(super) partials: u64,
     /// Number of scenes without a tuple.
     pub(super) missing: u64,

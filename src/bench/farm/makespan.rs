@@ -3,7 +3,7 @@
 use super::error::FarmBenchError;
 use super::makespan_report::{Makespan, MakespanRun, Pass};
 use super::place::{Place, seconds_between, tuples};
-use super::process::Process;
+use super::process::{Process, WORK_BEGINS};
 use super::recipe::Recipe;
 use super::setup::Setup;
 use crate::farm::Fault as Ordered;
@@ -99,7 +99,7 @@ fn start_workers<'a>(
         workers.push(Some(place.start_on_queue(&arguments)?));
     }
     for worker in workers.iter_mut().flatten() {
-        worker.wait_until_ready()?;
+        worker.wait_until_it_says(WORK_BEGINS)?;
     }
     Ok(workers)
 }

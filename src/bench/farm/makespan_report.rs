@@ -6,6 +6,7 @@ use crate::bench::clock::median;
 use crate::bench::table::table;
 use crate::farm::simulate::{Case, Fault, simulate};
 use serde::Serialize;
+use serde_json::{Value, json};
 use std::fmt;
 
 #[derive(Clone, Debug, Serialize)]
@@ -27,7 +28,9 @@ pub struct Makespan {
 pub struct MakespanRun {
     #[serde(skip)]
     what: &'static str,
-    faults: Vec<FaultRow>,
+    faults: Vec<Value>,
+    #[serde(skip)]
+    fault_texts: Vec<String>,
     bound_s: f64,
     simulated_over_bound: Option<f64>,
     over_bound: f64,
@@ -50,41 +53,29 @@ pub struct Pass {
     pub(super) digest: String,
 }
 
-#[derive(Clone, Debug, Serialize)]
-#[serde(untagged)]
-enum FaultRow {
-    Kill { killed: u32, at_s: f64 },
-    Slow { slow: u32, times: f64 },
-}
-
-impl FaultRow {
-    fn new(fault: &Fault) -> Option<Self> {
-        match *fault {
-            Fault::Kill { worker, at_s } => Some(Self::Kill { killed: worker, at_s }),
-            Fault::Slow { worker, times } => Some(Self::Slow { slow: worker, times }),
-            _ => None,
-        }
-    }
-}
-
-impl fmt::Display for FaultRow {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Kill { killed, at_s } => write!(
-                f,
-                "worker {killed} was killed after {at_s:.2} s; its shards are not counted"
-            ),
-            Self::Slow { slow, times } => write!(f, "worker {slow} was {times} times slower"),
-        }
+/// Returns a fault of a measured run as JSON and as text.
+fn fault_row(fault: &Fault) -> Option<(Value, String)> {
+    match *fault {
+        Fault::Kill { worker, at_s } => Some((
+            json!({ "killed": worker, "at_s": at_s }),
+            format!("worker {worker} was killed after {at_s:.2} s; its shards are not counted"),
+        )),
+        Fault::Slow { worker, times } => Some((
+            json!({ "slow": worker, "times": times }),
+            format!("worker {worker} was {times} times slower"),
+        )),
+        _ => None,
     }
 }
 
 impl MakespanRun {
     pub(super) fn new(what: &'static str, case: &Case, bound_s: f64, passes: Vec<Pass>) -> Self {
         let of = |of: fn(&Pass) -> f64| median(&passes.iter().map(of).collect::<Vec<_>>());
+        let (faults, fault_texts) = case.faults.iter().filter_map(fault_row).unzip();
         Self {
             what,
-            faults: case.faults.iter().filter_map(FaultRow::new).collect(),
+            faults,
+            fault_texts,
             bound_s,
             simulated_over_bound: simulate(case).map(|o| o.makespan_s / o.bound_s),
             over_bound: of(|p| p.over_bound),
@@ -137,7 +128,7 @@ impl fmt::Display for Makespan {
         )?;
         let head = " | bound | makespan | over bound | simulated | loads a scene | tasks donated | shards traced";
         f.write_str(&table(head, self.runs.iter().map(MakespanRun::row), 1))?;
-        for fault in self.runs.last().iter().flat_map(|run| &run.faults) {
+        for fault in self.runs.last().iter().flat_map(|run| &run.fault_texts) {
             writeln!(f, "{fault}")?;
         }
         let same = if self.tuples_equal { "are bit by bit those" } else { "ARE NOT those" };

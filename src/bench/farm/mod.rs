@@ -32,4 +32,4 @@ pub use overhead_report::{Overhead, OverheadRun};
 pub use process::{SCENE_LOADED, WORK_BEGINS};
 pub use resume::{Resume, Times, resume};
 pub use setup::{Conditions, Setup, Watcher};
-pub use simulation::{FaultCounts, Simulation, simulate};
+pub use simulation::{Simulation, simulate};

@@ -3,7 +3,7 @@
 use super::error::FarmBenchError;
 use super::overhead_report::{Overhead, OverheadRun};
 use super::place::{Place, seconds_between, tuples};
-use super::process::Process;
+use super::process::{Process, WORK_BEGINS};
 use super::recipe::Recipe;
 use super::setup::Setup;
 use crate::farm::Fault;
@@ -111,7 +111,7 @@ fn measure(place: &Place, plan: &Plan, shared: bool) -> Result<OverheadRun, Farm
         workers.push(start(place, &arguments)?);
     }
     for worker in &mut workers {
-        worker.wait_until_ready()?;
+        worker.wait_until_it_says(WORK_BEGINS)?;
     }
     let begun = SystemTime::now();
     if shared {

@@ -14,7 +14,7 @@ use std::sync::atomic::Ordering;
 use std::time::SystemTime;
 use tempfile::TempDir;
 
-/// Queue in the results of a measurement without a shared queue.
+/// Name of the queue in the results of a measurement without a shared queue.
 pub(super) const NO_QUEUE: &str = "none";
 
 pub(super) struct Place<'a> {

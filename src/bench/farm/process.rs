@@ -51,7 +51,7 @@ impl<'a> Process<'a> {
     }
 
     /// Waits for a line of `-v` that contains `what`.
-    fn wait_until_it_says(&mut self, what: &str) -> Result<(), FarmBenchError> {
+    pub(super) fn wait_until_it_says(&mut self, what: &str) -> Result<(), FarmBenchError> {
         loop {
             self.place.go_on()?;
             match self.stderr.recv_timeout(POLL) {
@@ -67,16 +67,6 @@ impl<'a> Process<'a> {
                 Err(_) => {}
             }
         }
-    }
-
-    /// Waits until a worker accepts tasks.
-    pub(super) fn wait_until_ready(&mut self) -> Result<(), FarmBenchError> {
-        self.wait_until_it_says(WORK_BEGINS)
-    }
-
-    /// Waits until a worker starts to trace a scene.
-    pub(super) fn wait_until_it_traces(&mut self) -> Result<(), FarmBenchError> {
-        self.wait_until_it_says(SCENE_LOADED)
     }
 
     fn failed(&mut self, how: &str) -> FarmBenchError {

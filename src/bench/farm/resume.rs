@@ -3,6 +3,7 @@
 use super::error::FarmBenchError;
 use super::half_done::{HalfDone, half_done};
 use super::place::Place;
+use super::process::SCENE_LOADED;
 use super::recipe::Recipe;
 use super::setup::{Conditions, Setup};
 use crate::bench::clock::median;
@@ -119,7 +120,7 @@ fn measure_alone(
     }
     times[0].push(took.as_secs_f64());
     let mut worker = place.start(&work_arguments(&path))?;
-    worker.wait_until_it_traces()?;
+    worker.wait_until_it_says(SCENE_LOADED)?;
     times[1].push(worker.age().as_secs_f64());
     worker.kill();
     Ok(())
@@ -153,7 +154,7 @@ fn measure_on_queue(
         std::thread::sleep(POLL);
     }
     let mut worker = place.start_on_queue(&work_arguments(&path))?;
-    worker.wait_until_it_traces()?;
+    worker.wait_until_it_says(SCENE_LOADED)?;
     times[3].push(worker.age().as_secs_f64());
     worker.kill();
     coordinator.terminate()?;

@@ -5,6 +5,7 @@ use crate::bench::clock::cpu_s;
 use crate::bench::table::table;
 use crate::farm::simulate::{self as sim, Case, Fault, Outcome, Work};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fmt;
 
 #[derive(Clone, Debug, Serialize)]
@@ -12,7 +13,8 @@ pub struct Simulation {
     simulated: bool,
     #[serde(flatten)]
     size: CaseSize,
-    faults: FaultCounts,
+    /// Number of faults of each kind.
+    faults: BTreeMap<&'static str, u32>,
     over_bound: f64,
     #[serde(flatten)]
     pub outcome: Outcome,
@@ -43,44 +45,21 @@ impl fmt::Display for CaseSize {
     }
 }
 
-/// Number of faults of each kind.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct FaultCounts {
-    killed: u32,
-    slow: u32,
-    stopped: u32,
-    wiped: u32,
-    away: u32,
-}
-
-impl FaultCounts {
-    fn new(faults: &[Fault]) -> Self {
-        let mut counts = Self::default();
-        for fault in faults {
-            *match fault {
-                Fault::Kill { .. } => &mut counts.killed,
-                Fault::Slow { .. } => &mut counts.slow,
-                Fault::Stop { .. } => &mut counts.stopped,
-                Fault::Wipe { .. } => &mut counts.wiped,
-                Fault::Away { .. } => &mut counts.away,
-            } += 1;
-        }
-        counts
+/// Counts the faults of each kind.
+fn fault_counts(faults: &[Fault]) -> BTreeMap<&'static str, u32> {
+    let kinds = ["killed", "slow", "stopped", "wiped", "away"];
+    let mut counts = BTreeMap::from(kinds.map(|kind| (kind, 0)));
+    for fault in faults {
+        let kind = match fault {
+            Fault::Kill { .. } => "killed",
+            Fault::Slow { .. } => "slow",
+            Fault::Stop { .. } => "stopped",
+            Fault::Wipe { .. } => "wiped",
+            Fault::Away { .. } => "away",
+        };
+        *counts.entry(kind).or_default() += 1;
     }
-}
-
-impl fmt::Display for FaultCounts {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let counts = [
-            ("killed", self.killed),
-            ("slow", self.slow),
-            ("stopped", self.stopped),
-            ("wiped", self.wiped),
-            ("away", self.away),
-        ];
-        let mut there = counts.iter().filter(|(_, count)| *count > 0);
-        there.try_for_each(|(name, count)| write!(f, ", {name} {count}"))
-    }
+    counts
 }
 
 pub fn simulate(case: &Case) -> Result<Simulation, FarmBenchError> {
@@ -89,7 +68,7 @@ pub fn simulate(case: &Case) -> Result<Simulation, FarmBenchError> {
     Ok(Simulation {
         simulated: true,
         size: CaseSize::of(case),
-        faults: FaultCounts::new(&case.faults),
+        faults: fault_counts(&case.faults),
         over_bound: outcome.makespan_s / outcome.bound_s,
         outcome,
         cpu_s,
@@ -142,10 +121,12 @@ impl Simulation {
 
 impl fmt::Display for Simulation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let faults = self.faults.iter().filter(|(_, count)| **count > 0);
+        let faults: String = faults.map(|(kind, count)| format!(", {kind} {count}")).collect();
         writeln!(
             f,
-            "{}{} (simulated: {} events in {:.1} CPU s)\n",
-            self.size, self.faults, self.outcome.events, self.cpu_s
+            "{}{faults} (simulated: {} events in {:.1} CPU s)\n",
+            self.size, self.outcome.events, self.cpu_s
         )?;
         write!(f, "{}\n{}", self.figures(), self.messages().trim_end())
     }
