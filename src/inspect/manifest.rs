@@ -71,7 +71,7 @@ fn say(found: &mut Inspection, lines: &[SceneLine]) {
     }
 }
 
-/// Parameters whose ranges are shown: name, JSON pointer into a line, unit.
+/// Parameters with displayed ranges: name, JSON pointer into a line, unit.
 const NUMBERS: &[(&str, &str, &str)] = &[
     ("film.width", "/film/width", "px"),
     ("film.height", "/film/height", "px"),
