@@ -150,7 +150,7 @@ pub(crate) fn recipe(bytes: &[u8]) -> bool {
     matches!(text(bytes).map(Recipe::parse), Some(Ok(_)))
 }
 
-/// A partial: believed only if its digest fits, and then it can be written.
+/// A partial: accepted only if its digest matches, and then it can be written.
 pub(crate) fn partial(bytes: &[u8]) -> bool {
     match partial::decode(Path::new("a file"), bytes) {
         Ok(partial) => {

@@ -5,7 +5,7 @@ use serde::Serialize;
 use serde_json::Value;
 use std::iter::once;
 
-/// Formats a Markdown table whose first `left` columns are left-aligned. ` | ` separates the cells of `head`.
+/// Formats a Markdown table; the first `left` columns are left-aligned. ` | ` separates the cells of `head`.
 pub(super) fn table(
     head: &str,
     rows: impl IntoIterator<Item = Vec<String>>,

@@ -27,10 +27,10 @@ pub(super) struct NetworkArgs {
     pub(super) tile_px: u32,
 }
 
-/// Device that computes the networks.
+/// Device that runs the networks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(super) enum DeviceName {
-    /// The CPU.
+    /// The CPU, with the threads of `-j`.
     #[default]
     Cpu,
     /// The first GPU.
@@ -83,7 +83,7 @@ pub(super) struct Network {
 pub(super) enum Which {
     /// The best on validation scenes, or the newest if no checkpoint has validation scores.
     Best,
-    /// The newest. Evaluation uses the newest, because validation chooses the best by scenes that evaluation scores.
+    /// The newest. Evaluation uses it, because the best was chosen by its score on scenes that evaluation also scores.
     Newest,
 }
 
@@ -100,7 +100,7 @@ impl Network {
         let settings = &checkpoint.state.settings;
         if weights.is_some() && settings.features != FeatureSource::File {
             output.note(&format!(
-                "--features is ignored for {}, because its network uses no weights of a file",
+                "--features is ignored for {}, because its network uses no weights from a file",
                 checkpoint.path.display()
             ));
         }

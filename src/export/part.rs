@@ -70,7 +70,7 @@ impl PartRecord {
     }
 }
 
-/// A sample whose files are already written, unless they go into a shard.
+/// A sample with files that are already written, unless they go into a shard.
 pub(super) struct Prepared {
     pub(super) sample: Sample,
     /// Records of the written files.

@@ -1,4 +1,4 @@
-//! Writes a WebDataset shard: a tar whose bytes depend on its members alone.
+//! Writes a WebDataset shard: a tar with bytes that depend on its members alone.
 
 use super::digest::{Digesting, FileRecord};
 use super::error::ExportError;

@@ -85,7 +85,7 @@ fn image(input: &Input) -> Inspection {
     }
 }
 
-/// Reports a file whose bytes identify no kind; `kind` is the kind by its name.
+/// Reports a file if its bytes identify no kind; `kind` is the kind by its name.
 fn unknown(input: &Input, kind: Kind) -> Inspection {
     let mut found = Inspection::new(kind);
     let start = format!("\"{}\"", input.bytes[..input.bytes.len().min(16)].escape_ascii());

@@ -1,4 +1,4 @@
-//! Compares records with the files beside them whose digests they have.
+//! Compares files with their digests in the records beside them.
 
 use super::facts::{Inspection, Problem};
 use super::input::Input;
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 pub(super) trait Digested: DeserializeOwned {
     /// Name of the record in its folder.
     const NAME: &'static str;
-    /// Remedy for a wrong digest.
+    /// Remedy for a wrong digest or a missing file.
     const TO_DO: &'static str;
     /// True if a missing file is damage.
     const NEEDS_FILES: bool;
@@ -29,13 +29,13 @@ pub(super) fn hold_file<D: Digested>(found: &mut Inspection, input: &Input) {
     let record = record.filter(|record| record.files().contains(&input.name));
     let Some(record) = record else {
         found.may_be_whole(format!(
-            "its whole content can be read; no {} beside it has its digest",
+            "the whole file can be read, but no {} beside it contains its digest",
             D::NAME
         ));
         return;
     };
     match record.compare(input.name, input.bytes) {
-        Ok(()) => found.is_whole(format!("it has the digest in {}", D::NAME)),
+        Ok(()) => found.is_whole(format!("its digest matches the one in {}", D::NAME)),
         Err(reason) => found.wrong(Problem::new(reason, D::TO_DO)),
     }
 }
@@ -61,7 +61,7 @@ pub(super) fn hold_record<D: Digested>(found: &mut Inspection, input: &Input, re
     found.may_be_whole(match compared.as_slice() {
         [] => format!("{} is missing, so no digest can be compared", record.files().join(", ")),
         fitting => {
-            format!("its digests fit {} beside it; it has no digest itself", fitting.join(" and "))
+            format!("its digests match {} beside it; it has no digest", fitting.join(" and "))
         }
     });
 }
@@ -70,7 +70,7 @@ fn same(digest: &str, expected: &str, record: &str) -> Result<(), String> {
     if digest == expected {
         Ok(())
     } else {
-        Err(format!("it was changed: its digest differs from {record}"))
+        Err(format!("it was changed: its digest differs from the one in {record}"))
     }
 }
 
@@ -90,7 +90,7 @@ impl Digested for Spec {
     }
 }
 
-/// Digests of a checkpoint's `state.json`; the trainer defines its other fields.
+/// The digests in a checkpoint's `state.json`; the trainer defines the other fields of that file.
 #[derive(Deserialize)]
 pub(super) struct CheckpointDigests {
     files: BTreeMap<String, String>,

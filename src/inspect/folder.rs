@@ -66,14 +66,14 @@ fn tuple(folder: &Path) -> Inspection {
     for name in pictures.iter().filter(|name| folder.join(name).is_file()) {
         add_problems(&mut found, inspect_file(&folder.join(name)), name);
     }
-    found.is_whole("no file is missing, and the digests in tuple.json fit every layer");
+    found.is_whole("no file is missing, and the digests in tuple.json match every layer");
     found
 }
 
 fn checkpoint(folder: &Path) -> Inspection {
     let to_do = CheckpointDigests::TO_DO;
     let mut found = of_file(folder, "state.json", Kind::CheckpointFolder, to_do);
-    found.is_whole("the digests in state.json fit weights and moments");
+    found.is_whole("the digests in state.json match weights and moments");
     found
 }
 

@@ -44,7 +44,7 @@ kinds! {
     CheckpointState "checkpoint_state" "state.json of a checkpoint"
     Tensors "tensors" "safetensors file"
     Best "best" "best.json, the best checkpoint of a stage"
-    Metrics "metrics" "metrics.csv, the losses of a training"
+    Metrics "metrics" "metrics.csv, the losses of a training stage"
     Events "events" "TensorBoard event file"
     EvaluationRows "evaluation_rows" "scores, one row per picture"
     EvaluationTable "evaluation_table" "table of mean scores"
@@ -60,7 +60,7 @@ kinds! {
     Lock "lock" "lock, empty on purpose"
     Run "run" "run"
     TupleFolder "tuple" "tuple, all files of one scene"
-    CheckpointFolder "checkpoint" "checkpoint of a training"
+    CheckpointFolder "checkpoint" "checkpoint of a training stage"
     StageFolder "stage" "training of one stage"
     Unknown "unknown" "unknown"
 }

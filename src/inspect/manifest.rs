@@ -71,7 +71,7 @@ fn say(found: &mut Inspection, lines: &[SceneLine]) {
     }
 }
 
-/// Parameters whose ranges are shown, as JSON pointers into a line, with names for the elements of arrays.
+/// Parameters with displayed ranges, as JSON pointers into a line, with names for the elements of arrays.
 const NUMBERS: &[(&str, &str)] = &[
     ("film.width", "/film/width"),
     ("film.height", "/film/height"),

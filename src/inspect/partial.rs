@@ -36,7 +36,7 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
                     partial.pixels.iter().flat_map(|pixel| pixel.mean[layer as usize].iter());
                 say_values(&mut found, layer.name(), values);
             }
-            found.is_whole("its digest fits its header and every pixel");
+            found.is_whole("its digest matches its header and every pixel");
         }
         Err(error) => found.wrong(Problem::new(error.reason, to_do(Kind::Partial))),
     }

@@ -24,7 +24,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
             found.wrong(Problem::new(reason, AGAIN));
         }
         Ok(()) if input.bytes.starts_with(b"\x89PNG") => {
-            found.is_whole("it can be decoded, and its checksums fit");
+            found.is_whole("it can be decoded, and its checksums match");
         }
         Ok(()) => found.may_be_whole("it can be read completely; the format has no checksum"),
     }

@@ -21,7 +21,7 @@ pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<Markup
     let mut x = Axis::linear([least, most].into_iter(), X_ENDS);
     if least > 0.0 && most / least > 30.0 {
         let log = Axis::log_between([least, most], X_ENDS);
-        // The axis whose middle is nearer to the median spreads the values better.
+        // The axis with its middle nearer to the median spreads the values better.
         let is_off = |axis: &Axis| (axis.place(median) - 0.5).abs();
         if is_off(&log) < is_off(&x) {
             x = log;

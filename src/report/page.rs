@@ -45,11 +45,11 @@ pub struct Report {
     pub noise_maps: u64,
     /// Number of workers' logs that the page sums up.
     pub logs: u64,
-    /// Scenes whose tuples cannot be used, with the reason.
+    /// Scenes with unusable tuples, and the reasons.
     pub damaged: Vec<(SceneId, String)>,
 }
 
-/// Writes the page of a run whose objects are in `store`, to `path` or into the run's folder. The page and the result
+/// Writes the page of a run with its objects in `store`, to `path` or into the run's folder. The page and the result
 /// name damaged tuples.
 pub fn write_report(run: &Run, store: &Store, path: Option<&Path>) -> Result<Report, ReportError> {
     let mut survey = Survey::of(run, store)?;

@@ -30,7 +30,7 @@ pub(super) struct Sheet {
     pub(super) shown: usize,
     /// Number of shown tuples with a noise map.
     pub(super) noise_maps: usize,
-    /// Scenes whose tuples cannot be shown, with the reason.
+    /// Scenes with tuples that cannot be shown, and the reasons.
     pub(super) damaged: Vec<(SceneId, String)>,
 }
 

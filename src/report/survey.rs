@@ -13,7 +13,7 @@ pub(super) struct Survey {
     pub(super) status: Status,
     /// Scenes with a usable tuple, in the order of the manifest.
     pub(super) done: Vec<DoneScene>,
-    /// Scenes whose tuples cannot be used, with the reason.
+    /// Scenes with unusable tuples, and the reasons.
     pub(super) damaged: Vec<(SceneId, String)>,
     /// Scenes with a noise map.
     pub(super) noise: BTreeSet<SceneId>,

@@ -1,8 +1,8 @@
 //! A cache of objects on this machine's disk, so that each object crosses the network once.
 //!
 //! A digest of the object's URL is the name of an entry's file. The file contains a line of JSON with the ETag and a
-//! digest of the content, then the content. An entry is used only if the digest fits and the object in the store still
-//! has the ETag. Files are renamed into place, so any number of workers can share a folder.
+//! digest of the content, then the content. An entry is used only if the digest matches and the object in the store
+//! still has the ETag. Files are renamed into place, so any number of workers can share a folder.
 
 use render::atomic_file;
 use serde::{Deserialize, Serialize};

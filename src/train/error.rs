@@ -1,4 +1,4 @@
-//! Errors of a training.
+//! Errors of training.
 
 use super::checkpoint::CheckpointError;
 use super::source::{ExampleError, TupleFilesError};

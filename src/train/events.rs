@@ -74,7 +74,7 @@ fn picture(tag: &str, [width, height]: [u32; 2], png: &[u8]) -> Vec<u8> {
 }
 
 impl EventFile {
-    /// Creates the file of a training that resumes at `step`; replaces an older file for that step.
+    /// Creates the file for training that resumes at `step`; replaces an older file for that step.
     pub(super) fn create(folder: &Path, step: u64) -> io::Result<Self> {
         let mut file = File::create(folder.join(format!("events.out.tfevents.{step:010}")))?;
         file.write_all(&record(&event(now(), 0, 3, b"brain.Event:2")))?;

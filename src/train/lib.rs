@@ -6,7 +6,7 @@
 //!
 //! ops/              operations that candle computes slowly or with wrong gradients
 //! vgg               frozen features of images           checkpoint    a folder per step, written atomically
-//! generator         architecture of SP-net and BT-net   metrics, events, picture    logs of a training
+//! generator         architecture of SP-net and BT-net   metrics, events, picture    logs of training
 //! discriminator     conditional PatchGAN                inference     networks on images of any size
 //! loss, adam        losses and optimiser                separator     the networks of a checkpoint
 //! random            random numbers of seed and name     srgb_planes   pixels as planes

@@ -1,4 +1,4 @@
-//! The start of a training: the stage's newest checkpoint, the BT-net of the backtrack stage, or new networks.
+//! The start of training: the stage's newest checkpoint, the BT-net of the backtrack stage, or new networks.
 
 use super::checkpoint::{Checkpoint, Origin, code_path, stage_folder};
 use super::error::TrainError;
@@ -17,7 +17,7 @@ use std::path::Path;
 /// Settings of the architecture, which the separation stage inherits from the backtrack stage.
 const OF_NETWORKS: [&str; 4] = ["features", "vgg_divisor", "width", "start"];
 
-/// The checkpoints that a training starts from.
+/// The checkpoints that training starts from.
 pub(super) struct Beginning {
     /// The newest checkpoint of this stage.
     pub(super) own: Option<Checkpoint>,

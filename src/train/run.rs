@@ -27,7 +27,7 @@ const READERS: usize = 1;
 /// Limits of the default number of steps between checkpoints, a twentieth of all steps.
 const CHECKPOINT_EVERY: [u64; 2] = [10, 1000];
 
-/// A training: networks, data and schedule.
+/// One stage's training: networks, data and schedule.
 pub struct Training<'a> {
     /// Folder of the run; checkpoints go to `train/STAGE` in it.
     pub run: PathBuf,
@@ -61,7 +61,7 @@ pub struct Training<'a> {
     pub dry_run: bool,
 }
 
-/// The result of a training, with the keys of `glasshouse.train/1`.
+/// The result of training, with the keys of `glasshouse.train/1`.
 #[derive(Clone, Debug, Serialize)]
 pub struct TrainSummary {
     pub run: PathBuf,

@@ -1,4 +1,4 @@
-//! Trainings on real pairs in a temporary folder, inside the test's process, without a store or a farm.
+//! Tests training on real pairs in a temporary folder, inside the test's process, without a store or a farm.
 
 use super::*;
 use candle_core::Device;
@@ -10,7 +10,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// A run without tuples.
+/// The tuple files of a run in which every scene is quarantined.
 struct NoTuples;
 
 impl TupleFiles for NoTuples {
@@ -122,7 +122,7 @@ fn model(run: &Path, step: u64) -> Vec<u8> {
 }
 
 #[test]
-fn a_training_resumes_to_the_same_bits_and_starts_the_next_stage() {
+fn training_resumes_to_the_same_bits_and_starts_the_next_stage() {
     let [photographs, whole, parts] = [(); 3].map(|()| tempfile::tempdir().unwrap());
     let (whole, parts) = (whole.path(), parts.path());
     let pairs = pairs(photographs.path());
@@ -158,7 +158,7 @@ fn a_training_resumes_to_the_same_bits_and_starts_the_next_stage() {
 }
 
 #[test]
-fn impossible_trainings_are_refused_with_a_reason() {
+fn impossible_training_is_refused_with_a_reason() {
     let [photographs, folder] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let folder = folder.path();
     let pairs = pairs(photographs.path());

@@ -34,7 +34,7 @@ pub struct Schedule {
     pub pictures_every: u64,
 }
 
-/// Receives the events of a training.
+/// Receives the events of training.
 pub trait Watcher {
     /// Reports the steps to train and the number of examples per step.
     fn begins(&mut self, _steps: Range<u64>, _batch: usize) {}

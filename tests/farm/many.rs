@@ -1,4 +1,4 @@
-//! Many workers on a real NATS server, with every process killed in turn, make the tuples of a single process.
+//! Workers on a real NATS server make the same tuples as a single process, even if every process is killed in turn.
 
 use crate::processes::{
     all_done, alone, assert_whole, coordinator, end, results, slow_place, start, worker,
@@ -14,7 +14,7 @@ use render::line::Roots;
 use std::time::Duration;
 
 #[test]
-fn three_workers_make_the_tuples_of_one_process() {
+fn three_workers_make_the_same_tuples_as_one_process() {
     let Some(server) = Nats::start() else { return };
     let place = place();
     place.plan();
@@ -65,7 +65,7 @@ fn a_server_may_crash_and_lose_the_queue() {
     wait_for("a result", || results(&place.run) > 2);
     server.kill_and_restart(false);
     let before = results(&place.run);
-    wait_for("more", || {
+    wait_for("another result", || {
         results(&place.run) > before + 4 || place.run.join("finished.json").exists()
     });
     server.kill_and_restart(true);
@@ -83,7 +83,7 @@ fn a_worker_suspended_beyond_its_lease_changes_no_tuple() {
     send(&sleeper, "STOP");
     let other = worker(&place, &server);
     let held = results(&place.run);
-    wait_for("the other's results", || {
+    wait_for("a result of the other worker", || {
         results(&place.run) > held + 8 || place.run.join("finished.json").exists()
     });
     std::thread::sleep(Duration::from_millis(2500));
@@ -96,7 +96,7 @@ fn a_worker_suspended_beyond_its_lease_changes_no_tuple() {
 fn a_stopped_worker_requeues_its_work() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
-    // Without a requeue, the heir would wait an hour for the end of the lease.
+    // Without a requeue, the next worker would wait an hour for the end of the lease.
     let work = ["-j", "1", "--lease-s", "3600"];
     let coordinator = start("coordinate", &place, &server, &work[2..]);
     let leaving = start("work", &place, &server, &work);
@@ -133,7 +133,7 @@ fn an_idle_worker_gets_a_part_of_a_scene() {
     assert_whole(&place.run, alone(&place));
 }
 
-/// Publishes tasks twice, split differently, in any order and of finished scenes, and also foreign messages.
+/// Publishes the tasks of all scenes again, split differently and in reverse order, and also foreign messages.
 #[test]
 fn repeated_reordered_and_foreign_messages_change_nothing() {
     let Some(server) = Nats::start() else { return };

@@ -1,4 +1,4 @@
-//! Tests `inspect` on every kind of file that a run, a training and an export write.
+//! Tests `inspect` on every kind of file that rendering, training and export write.
 
 use crate::every_file::files;
 use crate::support::program::{Ended, text};

@@ -125,7 +125,7 @@ fn a_killed_training_resumes_with_the_same_bits() {
         let ended = place.train(stage, steps, &["-j", "2"]);
         assert_eq!(ended["step"].as_u64(), Some(all));
     }
-    assert!(kills > 0, "every training ended before its kill");
+    assert!(kills > 0, "training always ended before its kill");
     let [backtrack, separation] = reference();
     assert!(place.checkpoint("backtrack", 30) == *backtrack);
     assert!(place.checkpoint("separation", 40) == *separation);
@@ -147,7 +147,7 @@ fn a_resumed_training_has_the_same_bits_and_repeats_no_step() {
     assert!(place.checkpoint("backtrack", 30) == reference()[0]);
     let again = place.train("backtrack", "30", &[]);
     assert_eq!(again["steps_taken"].as_u64(), Some(0));
-    // Another seed yields another training.
+    // Another seed yields other weights.
     let other = self::place();
     other.train("backtrack", "30", &small(&["--seed", "1"]));
     assert!(other.checkpoint("backtrack", 30) != reference()[0]);

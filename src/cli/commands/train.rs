@@ -309,7 +309,7 @@ fn bytes_of_gb(gb: f64) -> usize {
     (gb.max(0.0) * 1e9) as usize
 }
 
-/// Shows a training's progress.
+/// Shows the progress of training.
 struct Watch<'a> {
     global: &'a Global,
     output: &'a Output,

@@ -122,7 +122,7 @@ impl Queue for NatsWorker {
 
     fn renew(&self, lease: u64) {
         if let Some(message) = self.held(lease) {
-            // If the renewal is lost, the lease expires, which only costs time.
+            // If renewals are lost, the lease expires, which only costs time.
             let _ = RUNTIME.block_on(message.ack_with(AckKind::Progress));
         }
     }

@@ -9,7 +9,7 @@ pub struct Work {
     pub shards: u32,
     /// Time of a worker of speed 1 for a shard of the cheapest scenes, s. Shards vary by 25 %.
     pub cheapest_shard_s: f64,
-    /// Number of doublings from the cheapest scenes to the dearest (4: costs 1:16). All costs are equally frequent.
+    /// Number of doublings from the cheapest scenes to the dearest (4: costs of 1 to 16), all equally frequent.
     pub doublings: u32,
     /// Number of scenes at the end that have the highest cost, which is the worst order.
     pub dearest_last: u32,
@@ -109,7 +109,7 @@ impl Default for Rules {
 }
 
 impl Default for Work {
-    /// Returns the measured case of the prototype: 50 scenes of 16 shards with costs 1:16, the dearest last.
+    /// Returns the measured case of the prototype: 50 scenes of 16 shards with costs of 1 to 16, the dearest last.
     fn default() -> Self {
         Self {
             scenes: 50,

@@ -2,7 +2,7 @@
 //!
 //! The view is that of the capture camera. Its window is that of [`super::window`] plus one pixel on every side, so
 //! that no path ends beyond a border. Within [`MAX_VIEW_SIDE`], the view has about as many pixels per radian as the
-//! panorama, and nowhere fewer. Colour is interpolated in linear light, depth as inverse distance along the ray.
+//! panorama, and never fewer. Colour is interpolated in linear light, depth as inverse distance along the ray.
 
 use super::equirect::{Taps, rotation};
 use super::photograph::{Sheet, invert};

@@ -44,7 +44,7 @@ pub struct TileResult {
     /// Pixels in row-major order.
     pub pixels: Vec<PixelMeans>,
     /// Samples per pixel of each layer's strongest order; in an adaptive scene, the largest number of any pixel. 0 if
-    /// the scene does not request the layer, or if the range has no samples of R.
+    /// the scene does not request the layer; 0 for R if the range has no samples of R.
     pub samples: PerLayer<u32>,
     /// `samples` summed over the pixels, for an adaptive scene.
     pub sample_sums: Option<PerLayer<u64>>,

@@ -15,7 +15,7 @@ use std::fmt;
 use std::path::Path;
 use train::{Evaluation, TrainSummary, Training};
 
-/// The result of a training.
+/// The result of training.
 #[derive(Serialize)]
 pub(super) struct Trained {
     #[serde(flatten)]

@@ -120,7 +120,7 @@ fn t_shows_the_panorama_also_across_the_border_and_at_the_poles() {
         let t = difference(&loaded, 1, seen);
         // R is the mirror image of the back.
         let r = difference(&loaded, 3, |ray| seen(DVec3::new(-ray.x, ray.y, 1.0)));
-        // A film pixel spans 0.035 rad: its colours are not quite linear, and 64 samples differ from their mean.
+        // A film pixel spans 0.035 rad: its colours are not quite linear, and the mean of 64 samples has noise.
         assert!(t < 1e-4 && r < 1e-4, "yaw {yaw}, pitch {pitch}: {t:e} {r:e}");
     }
 }
@@ -257,7 +257,7 @@ fn holes_are_filled_and_counted_and_relative_depths_get_metres() {
 }
 
 #[test]
-fn other_images_are_refused() {
+fn images_of_a_wrong_shape_or_transfer_are_refused() {
     let depth = map(64, |_| 3.0);
     let message = |side: &str, image: &NamedBytes, depth: &NamedBytes| {
         sheet(side, image, depth).err().unwrap().to_string()
@@ -268,7 +268,7 @@ fn other_images_are_refused() {
     };
     let error = message("", &grey(60, 60), &depth);
     assert!(error.contains("holds 60x60 pixels; give an equirectangular image"), "{error}");
-    // 201 x 100 is within a percent of the aspect ratio, but 103 x 50 is not.
+    // The aspect ratio of 201 x 100 is within one percent of 2:1; that of 103 x 50 is not.
     sheet("", &grey(201, 100), &depth).unwrap();
     message("", &grey(103, 50), &depth);
     let square = npy("<f4", false, "(2, 2)", &[0; 16]);
@@ -301,13 +301,13 @@ fn views_respect_their_size_limit_and_cover_their_window() {
             [(across, view.width, k.fx, k.cx), (down, view.height, k.fy, k.cy)]
         {
             assert!(count <= MAX_VIEW_SIDE, "{count}");
-            // The view extends one pixel before the window and one or two pixels after it.
+            // The view extends one pixel before the window and one to two pixels after it.
             let before = least * focal_px + center - 0.5;
             let after = count as f64 - 0.5 - (most * focal_px + center);
             assert!((before - 1.0).abs() < 1e-9, "{before}");
             assert!((1.0..2.0 + 1e-9).contains(&after), "{after}");
         }
-        // If the size limit allows it, the view has nowhere fewer pixels per radian than requested.
+        // If the size limit allows it, the view has at least the requested number of pixels per radian everywhere.
         if view.width < MAX_VIEW_SIDE - 4 {
             let rays: Vec<DVec3> = view.directions().take(view.width).map(|(d, _)| d).collect();
             let finest = rays.windows(2).map(|pair| pair[0].angle_between(pair[1]));
