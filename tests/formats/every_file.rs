@@ -86,7 +86,7 @@ fn of_a_run(files: &mut Files) {
         &format!("runs/smoke/partials/{SCENE}/000000.exr"),
         "partial",
         whole,
-        &[SCENE, "tile width 64", "samples 0, 64", "digest fits", "clean reflection"],
+        &[SCENE, "tile width 64", "samples 0, 64", "digest matches", "clean reflection"],
     );
     let tuple = format!("runs/smoke/tuples/{SCENE}");
     files.is(&tuple, "tuple", whole, &[SCENE, "match every layer"]);

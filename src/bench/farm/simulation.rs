@@ -121,13 +121,12 @@ impl Simulation {
 
 impl fmt::Display for Simulation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let faults = self.faults.iter().filter(|(_, count)| **count > 0);
-        let faults: String = faults.map(|(kind, count)| format!(", {kind} {count}")).collect();
-        writeln!(
-            f,
-            "{}{faults} (simulated: {} events in {:.1} CPU s)\n",
-            self.size, self.outcome.events, self.cpu_s
-        )?;
+        write!(f, "{}", self.size)?;
+        for (kind, count) in self.faults.iter().filter(|(_, count)| **count > 0) {
+            write!(f, ", {kind} {count}")?;
+        }
+        let Outcome { events, .. } = self.outcome;
+        writeln!(f, " (simulated: {events} events in {:.1} CPU s)\n", self.cpu_s)?;
         write!(f, "{}\n{}", self.figures(), self.messages().trim_end())
     }
 }
