@@ -54,14 +54,14 @@ pub(super) fn hold_record<D: Digested>(found: &mut Inspection, input: &Input, re
         match record.compare(name, &bytes) {
             Ok(()) => compared.push(name),
             Err(reason) => {
-                found.wrong(Problem::new(format!("{name} beside it: {reason}"), D::TO_DO));
+                found.wrong(Problem::new(format!("{name}: {reason}"), D::TO_DO));
             }
         }
     }
     found.may_be_whole(match compared.as_slice() {
         [] => format!("{} is missing, so no digest can be compared", record.files().join(", ")),
         fitting => {
-            format!("its digests match {} beside it; it has no digest", fitting.join(" and "))
+            format!("the digests of {} match; this record has no digest", fitting.join(" and "))
         }
     });
 }
@@ -99,7 +99,7 @@ pub(super) struct CheckpointDigests {
 impl Digested for CheckpointDigests {
     const NAME: &'static str = "state.json";
     const TO_DO: &'static str =
-        "delete its folder: `glasshouse train` resumes from the checkpoint before it";
+        "delete the checkpoint's folder: `glasshouse train` resumes from the previous checkpoint";
     const NEEDS_FILES: bool = true;
 
     fn files(&self) -> Vec<&str> {

@@ -27,7 +27,7 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// Lists the types of the channels: `half`, `float`, or both.
+    /// Lists the types of the channels, such as `half and float`.
     pub(super) fn precision(&self) -> String {
         let mut types: Vec<&str> = self.channels.iter().map(|(_, kind)| *kind).collect();
         types.sort_unstable();
@@ -117,7 +117,7 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
     found
 }
 
-/// Adds the layer that the name of an image tells, with its encoding.
+/// Adds the layer in an image's file name, with its encoding.
 pub(super) fn say_layer(found: &mut Inspection, name: &str, encoding: &str) {
     let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
     if Layer::NAMES.contains(&stem) {
@@ -164,7 +164,7 @@ pub(super) fn say_values<'a>(
     nan + infinite
 }
 
-/// Adds the values of each layer's channels; returns the number of non-finite values.
+/// Adds the statistics of each layer's channels; returns the number of non-finite values.
 pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels) -> u64 {
     let mut not_finite = 0;
     for layer in Layer::NAMES {

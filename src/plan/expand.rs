@@ -340,7 +340,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(48))]
         #[test]
-        fn adding_a_scene_changes_no_other(
+        fn adding_a_scene_does_not_change_others(
             indoors in 2usize..20, outdoor in 2usize..20, seed: u64,
             pairs in prop::array::uniform4(1u32..40), which in 0usize..4,
         ) {

@@ -23,7 +23,7 @@ use tokio::time::timeout;
 
 /// Time limit for an answer of the source.
 const SOURCE_LIMIT: Duration = Duration::from_secs(20);
-/// Maximum number of concurrent calls of the source. Pictures have a limit of their own, so that a slow store does not
+/// Maximum number of concurrent calls to the source. Pictures have a limit of their own, so that a slow store does not
 /// delay other requests.
 const CALLS: usize = 8;
 /// Maximum length of a request's body; no route needs a body.

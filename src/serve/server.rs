@@ -125,7 +125,7 @@ fn run(
             let _ = stopped.await;
         }
     });
-    // A hung call of the source must not keep the coordinator from exiting.
+    // A hung call to the source must not keep the coordinator from exiting.
     runtime.shutdown_timeout(Duration::from_millis(500));
 }
 

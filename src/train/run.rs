@@ -49,7 +49,7 @@ pub struct Training<'a> {
     pub device: Device,
     /// Number of steps between checkpoints; `None` for a twentieth of `steps`, from 10 to 1,000.
     pub checkpoint_every: Option<u64>,
-    /// Number of checkpoints to keep besides the best.
+    /// Number of newest checkpoints to keep; the best is also kept.
     pub keep: usize,
     /// Largest number of validation scenes.
     pub validate: usize,

@@ -19,16 +19,16 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// PSNR that equal pictures get, dB, so that means are finite.
+/// Largest PSNR of a picture in the mean, dB. It keeps the mean finite when pictures are equal.
 const MOST_DB: f64 = 100.0;
 
-/// Intervals of checkpoints and pictures. They do not change the weights.
+/// The last step, and the intervals of checkpoints and pictures. The intervals do not change the weights.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
     pub until: u64,
     /// Number of steps between checkpoints; the last step always has a checkpoint.
     pub checkpoint_every: u64,
-    /// Number of checkpoints to keep besides the best.
+    /// Number of newest checkpoints to keep; the best is also kept.
     pub keep: usize,
     /// Number of steps between grids of pictures; 0 for no grids.
     pub pictures_every: u64,
@@ -59,7 +59,7 @@ pub struct Trained {
     pub loss: Option<f32>,
     /// Validation PSNR of the newest checkpoint, dB.
     pub validation_psnr_db: Option<f64>,
-    /// Duration of the steps without checkpoints and logs, s.
+    /// Time spent on steps, excluding checkpoints and logs, s.
     #[serde(skip)]
     pub busy_s: f64,
     /// True if the stop flag ended the call.
@@ -188,7 +188,7 @@ impl Session {
             let validated = if is_due { self.validate()? } else { None };
             metrics.add(self.step, &losses, validated, wall_s).map_err(write_error(csv.clone()))?;
             if is_due {
-                // Metrics become durable first, because training does not repeat the steps of a checkpoint.
+                // Metrics become durable first, because resumed training does not repeat the steps before a checkpoint.
                 metrics.sync().map_err(write_error(csv.clone()))?;
                 self.write(validated, schedule, watcher)?;
             }
@@ -276,7 +276,7 @@ impl Session {
         Ok(())
     }
 
-    /// Returns the mean PSNR of the outputs for the validation images, as 8-bit pictures, dB.
+    /// Returns the mean PSNR, dB, of the 8-bit outputs for the validation images; `None` without images.
     fn validate(&self) -> Result<Option<f64>, TrainError> {
         let mut sum = 0.0;
         let mut count = 0u32;
@@ -293,7 +293,7 @@ impl Session {
         Ok((count > 0).then(|| sum / f64::from(count)))
     }
 
-    /// Returns an example's input, the output, the ground truth and other layers; nothing if BT-net lacks a layer.
+    /// Returns an example's input, output, ground truth and other layers; empty if a layer for BT-net is missing.
     fn made(&self, example: &Example) -> Result<Vec<Picture>, TrainError> {
         let picture = |planes: &Vec<f32>| Picture {
             rows: example.rows,

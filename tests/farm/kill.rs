@@ -39,7 +39,7 @@ fn killed_three_times(threads: &str) {
             _ => assert!(ended.status.success(), "{ended:?}"),
         }
     }
-    assert!(kills > 0, "every process ended before its kill");
+    assert!(kills > 0, "every process ended before the test killed it");
     run(&arguments).expect(0);
     assert_same(&tuples(&place.run), reference());
     assert_tidy(&place.run);

@@ -1,4 +1,4 @@
-//! Tests the coordinator's web server with slow clients, with a store that hangs, and when it stops.
+//! Tests the coordinator's web server: slow clients, a hanging store, failures, shutdown, and refused settings.
 
 use crate::serve_run::{Run, get, run, start};
 use crate::support::tools::wait_for;
@@ -10,7 +10,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 #[test]
-fn slow_clients_block_no_other() {
+fn slow_clients_do_not_block_others() {
     let run = run();
     let server = start(&run, None);
     let at = server.address();
@@ -19,16 +19,16 @@ fn slow_clients_block_no_other() {
         stream.write_all(text.as_bytes()).unwrap();
         stream
     };
-    // The test sends incomplete requests, and requests without reading the responses.
+    // Some clients send incomplete requests; others do not read the responses.
     let mut slow: Vec<TcpStream> = (0..40).map(|_| half("GET / HTTP/1.1\r\nHost: loc")).collect();
     let unread = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(50);
     slow.extend((0..10).map(|_| half(&unread)));
-    // The store hangs, and the test requests more pictures than may wait at a time.
+    // The store hangs, and the test requests more pictures than the server fetches at a time.
     *run.store_hangs.0.lock().unwrap() = true;
     let picture = "GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n";
     slow.extend((0..20).map(|_| half(picture)));
     let begun = Instant::now();
-    wait_for("a call of the source", || run.pictures_asked() > 0);
+    wait_for("a call to the source", || run.pictures_asked() > 0);
     for path in ["/", "/api/view", "/metrics", "/healthz"] {
         get(at, path).expect(200);
     }
@@ -67,12 +67,12 @@ fn dropping_the_server_closes_the_port_and_the_connections() {
     let mut first = [0; 12];
     open.read_exact(&mut first).unwrap();
     assert_eq!(&first, b"HTTP/1.1 200");
-    // The server also stops while a call of the source hangs.
+    // The server also stops while a call to the source hangs.
     *run.store_hangs.0.lock().unwrap() = true;
     let mut hung = TcpStream::connect(at).unwrap();
     hung.write_all(b"GET /thumbnails/train-1/input.png HTTP/1.1\r\nHost: localhost\r\n\r\n")
         .unwrap();
-    wait_for("a call of the source", || run.pictures_asked() > 0);
+    wait_for("a call to the source", || run.pictures_asked() > 0);
     let begun = Instant::now();
     drop(server);
     assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());

@@ -52,7 +52,7 @@ fn a_killed_export_resumes_and_ends_with_the_same_bytes() {
             assert_equal(&out, &whole);
             break;
         }
-        assert!(killed > 0, "{name}: every export ended before its kill");
+        assert!(killed > 0, "{name}: every export ended before the test killed it");
         // A repeated export is already complete.
         let json = run(&arguments(&made, &whole, &[more, &["--json"]].concat())).expect(0).json();
         assert_eq!(json["already_complete"], true);

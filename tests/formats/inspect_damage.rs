@@ -156,7 +156,7 @@ fn a_checkpoint_is_compared_with_its_state() {
     for path in [&step, &step.join("state.json"), &step.parent().unwrap().to_owned()] {
         let ended = run_in(folder, &["inspect", text(path)]).expect(4);
         let flat = ended.stdout.split_whitespace().collect::<Vec<_>>().join(" ");
-        assert!(flat.contains("model.safetensors beside it: it was changed"), "{ended:?}");
-        assert!(flat.contains("resumes from the checkpoint before it"), "{ended:?}");
+        assert!(flat.contains("model.safetensors: it was changed"), "{ended:?}");
+        assert!(flat.contains("resumes from the previous checkpoint"), "{ended:?}");
     }
 }

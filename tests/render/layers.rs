@@ -82,7 +82,7 @@ fn omitted_layers_are_not_written_and_the_others_do_not_change() {
 }
 
 #[test]
-fn unknown_and_missing_layers_are_refused() {
+fn invalid_layers_and_target_errors_are_refused() {
     for (film, word) in [
         (r#"layers = ["I"]"#, "there is no layer"),
         ("layers = []", "name at least one"),
@@ -97,7 +97,7 @@ fn unknown_and_missing_layers_are_refused() {
 
 const ADAPTIVE: &str = "target_error = 2e-3";
 
-/// Returns the tuples of an uninterrupted adaptive run. Renders it once.
+/// Returns the tuples of an uninterrupted adaptive run, rendered once.
 fn adaptive_reference() -> &'static Tuples {
     static REFERENCE: OnceLock<Tuples> = OnceLock::new();
     REFERENCE.get_or_init(|| {
@@ -145,7 +145,7 @@ fn adaptive_runs_are_killed_and_resumed() {
         let scenes = std::fs::read_dir(&folder).into_iter().flatten().flatten();
         scenes.flat_map(|scene| std::fs::read_dir(scene.path()).into_iter().flatten()).count() >= 5
     });
-    assert!(is_under_way, "the run ended before its kill");
+    assert!(is_under_way, "the run ended before the test killed it");
     child.kill().unwrap();
     child.wait().unwrap();
     run(&arguments).expect(0);

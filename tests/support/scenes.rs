@@ -71,7 +71,7 @@ impl Place {
     }
 }
 
-/// Returns the tuples of an uninterrupted run. Renders it once.
+/// Returns the tuples of an uninterrupted run, rendered once.
 pub(crate) fn reference() -> &'static Tuples {
     static REFERENCE: OnceLock<Tuples> = OnceLock::new();
     REFERENCE.get_or_init(|| {

@@ -34,7 +34,7 @@ pairs = { sample = 2 }
 /// Options for the smallest networks.
 const SMALL: [&str; 6] = ["--width", "4", "--crop", "40", "--discriminator-width", "2"];
 
-/// Returns the folder of a finished run. Renders it once.
+/// Returns the folder of a finished run, rendered once.
 fn made() -> &'static Path {
     static MADE: OnceLock<TempDir> = OnceLock::new();
     let folder = MADE.get_or_init(|| {
@@ -125,7 +125,7 @@ fn a_killed_training_resumes_with_the_same_bits() {
         let ended = place.train(stage, steps, &["-j", "2"]);
         assert_eq!(ended["step"].as_u64(), Some(all));
     }
-    assert!(kills > 0, "training always ended before its kill");
+    assert!(kills > 0, "training always ended before the test killed it");
     let [backtrack, separation] = reference();
     assert!(place.checkpoint("backtrack", 30) == *backtrack);
     assert!(place.checkpoint("separation", 40) == *separation);

@@ -116,7 +116,7 @@ impl fmt::Display for Found {
     }
 }
 
-/// Returns the golden shard in the run's spec, and a finding that tells if workers can use the run.
+/// Returns the golden shard in the run's spec, and a finding that states whether workers can use the run.
 fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
     let spec = std::fs::read(folder.join(keys::SPEC)).ok();
     let golden =

@@ -44,7 +44,7 @@ pub(super) struct TrainArgs {
     /// Write a checkpoint every K steps [default: a twentieth of --steps, 10 to 1000]
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..))]
     checkpoint_every: Option<u64>,
-    /// Number of checkpoints to keep, besides the best
+    /// Number of newest checkpoints to keep; the best is also kept
     #[arg(long, value_name = "N", default_value_t = KEEP)]
     keep: usize,
     /// Number of scenes that validate every checkpoint: the first ones of the split "test"

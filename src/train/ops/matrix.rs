@@ -1,4 +1,4 @@
-//! Single-threaded matrix products of the gemm crate.
+//! Single-threaded matrix products, computed by the gemm crate.
 #![allow(unsafe_code, reason = "gemm takes pointers, and threads write columns of one matrix")]
 
 use std::marker::PhantomData;
@@ -88,11 +88,11 @@ impl<'a> MatMut<'a> {
     }
 }
 
-/// Computes `out = a b`, or `out += a b` if `add`. The order of sums depends only on the shapes and the CPU's kernels.
+/// Computes `out = a b`, or `out += a b` if `add`. The order of sums depends only on the shapes and gemm's CPU kernel.
 pub(super) fn product(out: &mut MatMut, a: Mat, b: Mat, add: bool) {
-    assert!(out.rows == a.rows && a.columns == b.rows && b.columns == out.columns, "shapes differ");
+    assert!(out.rows == a.rows && a.columns == b.rows && b.columns == out.columns, "wrong shapes");
     // SAFETY: the constructors check that every matrix ends within its slice, `out` borrows its elements exclusively,
-    // and the strides are those of the slices.
+    // and the strides are those of the matrices.
     unsafe {
         gemm::gemm(
             out.rows,

@@ -2,7 +2,7 @@
 //! norm with leaky ReLU, absolute value.
 //!
 //! ```text
-//! matrix.rs    matrix products of the gemm crate            convolve.rs   convolution op: tensors, gradients, fallback
+//! matrix.rs    matrix products by the gemm crate            convolve.rs   convolution op: tensors, gradients, fallback
 //! window.rs    unfolding of the pixels under a kernel       pool.rs       2 x 2 max pooling
 //! kernel.rs    convolution and its two gradients on slices  resize.rs     bilinear resizing
 //! difference.rs   |x|, mean absolute difference             norm.rs       batch norm and leaky ReLU
