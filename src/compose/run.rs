@@ -19,7 +19,7 @@ const KEPT: usize = 4;
 
 /// A method that makes a picture from an input.
 pub trait Method: Sync {
-    /// Shortest accepted side, px.
+    /// Returns the shortest accepted side, px.
     fn least_px(&self) -> u32 {
         1
     }

@@ -1,4 +1,4 @@
-//! `merge RUN` makes tuples from complete partials without reading the scenes' input files.
+//! `merge RUN` makes tuples from complete sets of partials without reading the scenes' input files.
 
 use super::error::FarmError;
 use crate::farm::sweep::sweep;
@@ -22,16 +22,16 @@ pub struct MergeOutcome {
     pub refused: Vec<(SceneId, String)>,
 }
 
-/// Merges every scene with complete partials; with `dry_run`, only lists these scenes. Reads partials from and writes
-/// tuples to the store `elsewhere`, or the run's folder if it is `None`.
+/// Merges every scene with a complete set of partials; with `dry_run`, only lists these scenes. The partials and tuples
+/// are in the store `elsewhere`, or in the run's folder if `elsewhere` is `None`.
 pub fn merge_run(
     run: &Run,
     elsewhere: Option<&Store>,
     dry_run: bool,
     on_scene: &dyn Fn(),
 ) -> Result<MergeOutcome, FarmError> {
-    // A dry run writes nothing, not even the lock file. A store elsewhere needs no lock, because merging overwrites no
-    // object in it.
+    // A dry run writes nothing, not even the lock file. A store elsewhere needs no lock, because merging overwrites
+    // only noise maps in it.
     let _lock = if dry_run || elsewhere.is_some() {
         None
     } else {
@@ -78,7 +78,7 @@ pub fn merge_run(
                 if elsewhere.is_some() {
                     tuples::write_tuple(&store, &encoded(&tuple, line)?)?;
                 } else {
-                    // `write_tuple` also replaces a folder that is not this scene's tuple.
+                    // `write_tuple` also overwrites the files of a folder that is not this scene's tuple.
                     write_tuple(&tuple, &run.path(&keys::tuple_folder(&line.id)))
                         .map_err(|e| AccessError::Tuple(e.to_string()))?;
                 }

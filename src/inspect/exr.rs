@@ -27,7 +27,7 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// Lists the types of the channels, such as `half and float`.
+    /// Lists the types of the channels, such as `half` or `float and half`.
     pub(super) fn precision(&self) -> String {
         let mut types: Vec<&str> = self.channels.iter().map(|(_, kind)| *kind).collect();
         types.sort_unstable();
@@ -35,7 +35,7 @@ impl Head {
         types.join(" and ")
     }
 
-    /// True if the image has channels `NAME.R`, ... of a layer.
+    /// True if the image has channels of this layer, such as `input.R`.
     pub(super) fn has_layer(&self, layer: &str) -> bool {
         self.channels.iter().any(|(name, _)| is_of(name, layer))
     }
@@ -87,7 +87,7 @@ pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
     })
 }
 
-/// Remedy for a damaged image.
+/// Returns the remedy for a damaged image.
 pub(super) fn to_do(kind: Kind) -> &'static str {
     match kind {
         Kind::Partial => "nothing: `glasshouse work RUN` traces it again",
@@ -164,7 +164,7 @@ pub(super) fn say_values<'a>(
     nan + infinite
 }
 
-/// Adds the statistics of each layer's channels; returns the number of non-finite values.
+/// Adds the range and mean of each layer's values; returns the number of non-finite values.
 pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels) -> u64 {
     let mut not_finite = 0;
     for layer in Layer::NAMES {

@@ -6,11 +6,11 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
-/// Maximum length of a text, in characters, and maximum number of entries of a list.
+// Maximum length of a text, in characters, and maximum number of entries of a list.
 const TEXT_SHOWN: usize = 1000;
 const LIST_SHOWN: usize = 8;
 
-/// Damage of a file.
+/// Damage to a file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
     pub what: String,
@@ -33,12 +33,12 @@ impl Problem {
     }
 }
 
-/// Result of the check whether a file is intact.
+/// Result of checking whether a file is intact.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Whole {
-    /// The file is intact, with the evidence.
+    /// The file is intact; the text is the evidence.
     Yes(String),
-    /// The reader found no damage, with the reason why it cannot prove that the file is intact.
+    /// The reader found no damage; the text is the reason why it cannot prove that the file is intact.
     Unknown(String),
     /// The file has problems.
     No,
@@ -113,7 +113,7 @@ impl Inspection {
         }
     }
 
-    /// Marks the file's intactness as unknown, unless it has problems.
+    /// Marks the file's intactness as unknown, unless the file has problems.
     pub(super) fn may_be_whole(&mut self, why: impl Into<String>) {
         if self.is_sound() {
             self.whole = Whole::Unknown(why.into());
@@ -126,7 +126,7 @@ impl Inspection {
     }
 }
 
-/// Lists the first names, and the number of the others.
+/// Lists the first `shown` names and the number of the others.
 pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
     let mut text = names.iter().take(shown).map(AsRef::as_ref).collect::<Vec<_>>().join(", ");
     if names.len() > shown {
@@ -135,7 +135,7 @@ pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
     text
 }
 
-/// Formats a value on one line; an object as its keys and plain values, a list of objects as its length.
+/// Formats a value as text: a list with objects as its length, an object as its keys, with the values if all are plain.
 pub(super) fn text_of(value: &Value) -> String {
     match value {
         Value::Null => "none".to_owned(),

@@ -162,7 +162,7 @@ fn check_name(found: &mut Inspection, name: &str, object: &Map<String, Value>) {
     }
 }
 
-/// Remedy for a damaged record.
+/// Returns the remedy for a damaged record.
 fn to_do(kind: Kind) -> &'static str {
     match kind {
         Kind::Quarantine => "delete it, so that workers try the scene again",

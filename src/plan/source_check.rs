@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_of_photographs_do_not_belong_to_a_list() {
+    fn keys_of_photographs_do_not_belong_to_a_list_source() {
         let with = |keys: &str| {
             let text =
                 PAPER.replacen("layout = \"diode\"", &format!("layout = \"list\"\n{keys}"), 1);
@@ -167,6 +167,6 @@ mod tests {
         let error = with("highlights = { above = 1.5, to = 8 }").unwrap_err();
         assert!(error.contains("highlights.above is 1.5"), "{error}");
         let light = with("highlights = { above = 0.9, to = 8 }\ntransfer = \"linear\"");
-        assert!(light.unwrap_err().contains("only images of transfer"));
+        assert!(light.unwrap_err().contains("only transfer \"srgb\""));
     }
 }

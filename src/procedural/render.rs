@@ -51,7 +51,7 @@ pub fn render(photograph: &SamplePhotograph, width: u32, height: u32) -> Rgbd {
     render_through(photograph, &intrinsics(width, height), width, height)
 }
 
-/// Renders the photograph with another camera; `intrinsics` are in pixels of this size.
+/// Renders the photograph with another camera; `intrinsics` are for an image of this size, px.
 pub fn render_through(
     photograph: &SamplePhotograph,
     intrinsics: &Intrinsics,
@@ -119,7 +119,7 @@ impl Film<'_> {
         self.view.radiance(&ray, pixel, &self.grid, i, j)
     }
 
-    /// Returns the tone curve, metered on every [`METERING_STEP`]th pixel of every such row.
+    /// Returns the tone curve, metered on every [`METERING_STEP`]th pixel of every [`METERING_STEP`]th row.
     fn metered_tone(&self) -> Tone {
         let [w, h] = self.size;
         let first = METERING_STEP / 2;
@@ -149,7 +149,7 @@ impl Film<'_> {
         if !around.iter().any(|other| differs(pixel.as_ref(), other.as_ref())) {
             return tone.coded(radiance);
         }
-        // If the sun lights all neighbours, it lights the points between. (A shaded pixel may only face away.)
+        // If the sun lights all neighbours, it lights the points between. (Unlit pixels may just face away from it.)
         let is_lit = pixel.iter().chain(around.iter().flatten()).all(|p| p.in_sun);
         let known_sun = is_lit.then_some(true);
         let mut coded = Vec3::ZERO;
@@ -211,7 +211,7 @@ impl View<'_> {
         self.seen(&self.centre_ray(i, j), i, j, None)
     }
 
-    /// Returns the surface that a ray through pixel (i, j) meets; `known_sun` saves the shadow ray.
+    /// Returns the surface that a ray through pixel (i, j) meets; with `known_sun`, traces no shadow ray.
     fn seen(&self, ray: &Ray, i: usize, j: usize, known_sun: Option<bool>) -> Option<Pixel> {
         let hit = self.tiles.nearest(&self.model.solids, ray, i, j)?;
         let solid = &self.model.solids[hit.solid as usize];
@@ -289,7 +289,7 @@ impl View<'_> {
         (radiance, surface.glass)
     }
 
-    /// Returns the radiance that a glossy surface mirrors, without solids.
+    /// Returns the radiance that a glossy surface mirrors; ignores solids.
     fn reflected(&self, position: Vec3, direction: Vec3, light: Vec3) -> Vec3 {
         let lights = &self.model.lights;
         if lights.openings.is_empty() {

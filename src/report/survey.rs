@@ -76,7 +76,7 @@ impl Survey {
     }
 }
 
-/// Returns the layers of a scene's `tuple.json`; the error is the damage of the tuple.
+/// Returns the layers of a scene's `tuple.json`; the error is the damage to the tuple.
 fn facts(
     line: &SceneLine,
     bytes: &[u8],

@@ -20,7 +20,7 @@ pub enum Event {
     },
     /// A partial is damaged or belongs to another plan.
     PartialRejected {
-        /// Damage of the partial and its consequence.
+        /// Damage to the partial and its consequence.
         reason: String,
     },
     /// A tuple is durable.

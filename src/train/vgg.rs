@@ -111,7 +111,7 @@ impl Vgg {
         Ok(features)
     }
 
-    /// Number of channels of each tensor that [`Self::features`] returns.
+    /// Returns the number of channels of each tensor that [`Self::features`] returns.
     pub fn widths(&self) -> Vec<usize> {
         TAPS.iter().map(|&tap| self.convolutions[tap].1.elem_count()).collect()
     }

@@ -1,6 +1,6 @@
 //! Reads exports back with common Python packages and with the examples of docs/datasets.md.
 //!
-//! `GLASSHOUSE_PYTHON`, or `python3`, must have the packages; tests of missing ones are skipped with a message.
+//! Runs `GLASSHOUSE_PYTHON`, or `python3`. If a package is missing, its checks are skipped with a message.
 
 use crate::export::{RECIPE, finished};
 use crate::support::program::{Ended, command, run, text};
@@ -76,7 +76,7 @@ fn several_shards_are_read_as_one_set() {
 }
 
 #[test]
-fn films_without_some_layers_and_floats_are_read() {
+fn films_with_floats_or_fewer_layers_are_read() {
     let film = "spp = 16\nexr = \"float\"\nlayers = [\"input\", \"transmission\"]";
     let (folder, made) = finished(&RECIPE.replace("spp = 16", film));
     for (name, more, what) in [
@@ -95,7 +95,7 @@ fn films_without_some_layers_and_floats_are_read() {
 }
 
 #[test]
-fn examples_of_the_document_run() {
+fn examples_in_datasets_md_work() {
     let document = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/datasets.md");
     let document = std::fs::read_to_string(document).unwrap();
     let (folder, _) = finished(RECIPE);
@@ -107,7 +107,7 @@ fn examples_of_the_document_run() {
         Ended::from(output.unwrap()).expect(0);
         formats += 1;
     }
-    assert_eq!(formats, 4, "the document exports in every format");
+    assert_eq!(formats, 4, "the document has an example of every format");
     let blocks: Vec<&str> = document
         .split("```python\n")
         .skip(1)

@@ -42,7 +42,7 @@ impl Tally {
         KINDS.iter().enumerate().map(of).collect()
     }
 
-    /// Largest number of messages of all kinds in one second, and the median over the seconds up to `end_s`.
+    /// Returns the maximum number of messages of all kinds per second, and the median over the seconds up to `end_s`.
     fn peak_and_median(&self, end_s: f64) -> (u32, u32) {
         let end = (end_s as usize).clamp(1, self.0.len().max(1));
         let mut sums: Vec<u32> = self.0.iter().map(|s| s.iter().sum()).collect();

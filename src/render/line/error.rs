@@ -23,14 +23,14 @@ pub enum LineError {
     )]
     DepthRange { side: String, given: bool },
     /// Highlights of a linear image, which has no clipped codes.
-    #[error("{field} is given, but only images of transfer \"srgb\" have clipped codes: remove it")]
+    #[error("{field} is given, but only transfer \"srgb\" has clipped codes: remove it")]
     HighlightsOfLight { field: String },
-    /// An apex of the front. Only the back has one, because the capture camera of the front is the lens.
-    #[error("front.apex is given, but only the back has an apex: move it to back")]
+    /// An apex of the front. Only the back has one, because the front's capture camera is at the lens.
+    #[error("front.apex is given, but only the back has an apex: use back.apex")]
     ApexOfFront,
     #[error(
         "{field} is not a rotation: its rows must have length 1 and be at right angles (to 1e-4), and its determinant \
-         must be +1; scale with unit_m"
+         must be +1; to scale the mesh, use unit_m"
     )]
     NoRotation { field: String },
 }

@@ -223,7 +223,7 @@ mod tests {
             ),
             (
                 r#"{"panorama":"p","transfer":"linear","highlights":{"above":0.9,"to":8}}"#,
-                "back.highlights is given, but only images of transfer \"srgb\"",
+                "back.highlights is given, but only transfer \"srgb\"",
             ),
         ] {
             let error = with_back(side).unwrap_err();

@@ -42,7 +42,7 @@ impl Store {
     pub(super) fn put_partial(&mut self, at: (u32, u32), digest: u64) -> Result<(), String> {
         self.put.insert(at);
         let there = *self.partials.entry(at).or_insert(digest);
-        if there == digest { Ok(()) } else { Err(format!("other bytes for {at:?}")) }
+        if there == digest { Ok(()) } else { Err(format!("the bytes of partial {at:?} changed")) }
     }
 
     pub(super) fn put_tuple(
@@ -55,7 +55,7 @@ impl Store {
         }
         let digest = from.values().fold(0, |all, digest| mix(all ^ digest));
         let there = *self.tuples.entry(scene).or_insert(digest);
-        if there == digest { Ok(()) } else { Err(format!("other bytes for tuple {scene}")) }
+        if there == digest { Ok(()) } else { Err(format!("the bytes of tuple {scene} changed")) }
     }
 
     pub(super) fn remove_partials(&mut self, scene: u32) {
@@ -230,8 +230,8 @@ impl Farm {
         }
     }
 
-    /// Lists the queue. The coordinator lists it before the store, so that it sees scenes that are finished in between.
-    /// It clears a queue that has messages but delivers none.
+    /// Lists the queue, and clears a queue that has messages but delivers none. The coordinator lists the queue before
+    /// the store, so that it does not publish a scene that is finished in between.
     fn list_queue(&mut self) {
         if self.queue.waiting() + self.queue.held() == 0 && self.queue.len() > 0 {
             self.queue.wipe();
@@ -268,13 +268,13 @@ impl Farm {
         for scene in (0..SCENES).filter(|&scene| !has_tuple(scene)) {
             let ranges = self.queue.ranges(scene);
             if ranges.is_empty() {
-                return Err(format!("scene {scene} has no owner"));
+                return Err(format!("scene {scene} has no message"));
             }
             let is_safe = |shard| {
                 has_partial((scene, shard)) || ranges.iter().any(|range| range.contains(&shard))
             };
             if let Some(shard) = (0..SHARDS).find(|&shard| !is_safe(shard)) {
-                return Err(format!("shard {shard} of scene {scene} has no owner"));
+                return Err(format!("shard {shard} of scene {scene} has no partial or message"));
             }
         }
         Ok(())
@@ -313,7 +313,7 @@ impl Farm {
             }
             self.reconcile();
         }
-        Err(format!("not finished: tuples of {:?}", self.store.tuples.keys()))
+        Err(format!("only scenes {:?} have tuples", self.store.tuples.keys()))
     }
 
     fn work_until_idle(&mut self) -> Result<(), String> {
@@ -328,7 +328,7 @@ impl Farm {
             self.check()?;
             let is_busy = |w: &Worker| w.jobs.iter().any(|job| !job.waits());
             if self.packets.is_empty() && !self.workers.iter().any(is_busy) {
-                // Passes the checkpoint, so that partials in memory are written.
+                // Moves the clock past the checkpoint, so that partials in memory are written.
                 self.now += Time::from_secs(1);
                 return Ok(());
             }

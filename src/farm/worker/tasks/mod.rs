@@ -238,7 +238,7 @@ impl<P> Tasks<P> {
         self.settle(task)
     }
 
-    /// Handles the result of a check whether the store has all of the scene's shards.
+    /// Handles the result of checking whether the store has all of the scene's shards.
     pub(crate) fn scene_checked(&mut self, task: TaskId, all: bool) -> Vec<Action> {
         if !all {
             return self.end(task, TaskEvent::OthersMissing);
