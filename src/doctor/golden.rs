@@ -19,7 +19,7 @@ fn judge(found: &Golden, pinned: &Golden, run: Option<&Golden>, text: &str) -> F
     if found != pinned {
         return Finding::fail(
             "right bits",
-            format!("{text}, but its bits differ from tracer version {TRACER_VERSION}"),
+            format!("{text}, but its bits differ from those of tracer version {TRACER_VERSION}"),
             "do not use this machine for a run, and report its processor",
         );
     }
@@ -32,7 +32,7 @@ fn judge(found: &Golden, pinned: &Golden, run: Option<&Golden>, text: &str) -> F
             "finish the run with the version that planned it, or plan again into a new folder",
         );
     }
-    Finding::ok("right bits", format!("{text}: every bit as in tracer version {TRACER_VERSION}"))
+    Finding::ok("right bits", format!("{text} with the bits of tracer version {TRACER_VERSION}"))
 }
 
 #[cfg(test)]

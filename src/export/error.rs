@@ -26,7 +26,7 @@ pub enum ExportError {
     #[error("cannot export anything: {0}")]
     Nothing(String),
     #[error(
-        "{file}: {reason}; `glasshouse audit` finds other damage, `glasshouse retry` makes workers render the scene again"
+        "{file}: {reason}; `glasshouse audit` finds other damage; `glasshouse retry --anew` resets the scene"
     )]
     Damaged {
         /// Key in the store.

@@ -1,4 +1,4 @@
-//! Objects of outdoor places: cars, lamp posts, people, benches, signs, café tables.
+//! Objects of outdoor places, such as cars, lamp posts, people and café tables.
 
 use super::build::{Builder, Frame};
 use super::material::{Material, color, plain};

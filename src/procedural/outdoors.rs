@@ -266,7 +266,7 @@ enum Thing {
     Person,
 }
 
-/// Places near, thin objects in the middle of the view, as depth edges for reflections.
+/// Places three objects near the camera and the view's middle, so that reflections contain depth edges.
 fn foreground(b: &mut Builder, eye: Vec3, target: Vec3, kinds: &[Thing], r: &mut Stream) {
     let ahead = (target - eye) * Vec3::new(1.0, 0.0, 1.0);
     let ahead = ahead.normalize();

@@ -16,7 +16,7 @@ use std::sync::Arc;
 #[derive(Debug, thiserror::Error)]
 pub enum ExampleError {
     #[error(
-        "{file}: {reason}; `glasshouse audit` finds other damage, `glasshouse retry --anew` resets the scene"
+        "{file}: {reason}; `glasshouse audit` finds other damage; `glasshouse retry --anew` resets the scene"
     )]
     Damaged {
         /// Key in the store.
@@ -120,7 +120,7 @@ impl TupleSource {
         let key = tuple_key(&line.id, name);
         match self.files.get(&line.id, name)? {
             Some(bytes) => Ok((key, bytes)),
-            None => Err(damaged(&key, &"it is missing, although its tuple.json exists")),
+            None => Err(damaged(&key, &"it is missing, although tuple.json exists")),
         }
     }
 
@@ -150,7 +150,7 @@ impl TupleSource {
                 .map_err(|e| damaged(&key, &e))?
                 .into_rgb8();
             if [picture.width(), picture.height()] != [line.film.width, line.film.height] {
-                return Err(damaged(&key, &"its size differs from the scene's film"));
+                return Err(damaged(&key, &"its size differs from the film's"));
             }
             *layer = Some(planes_of_bytes(picture.as_raw()));
         }
@@ -193,7 +193,7 @@ impl PhotographSource {
                 Ok(fitted(&sheet.radiance, size_px, size))
             }
             Decoded::Mesh(_) => {
-                Err(unusable("a side of it is a mesh: mixtures need two photographs".to_owned()))
+                Err(unusable("one side is a mesh: mixtures need two photographs".to_owned()))
             }
         };
         Ok(Base::Photographs { front: part(&decoded.front)?, back: part(&decoded.back)? })

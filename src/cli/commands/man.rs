@@ -1,4 +1,4 @@
-//! `man`
+//! `man`: prints or writes the manual pages.
 
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};

@@ -1,4 +1,4 @@
-//! `schema`
+//! `schema`: prints the JSON Schema of recipes.
 
 use crate::cli::exit_code::Exit;
 use crate::cli::output::Output;

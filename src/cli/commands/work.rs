@@ -342,7 +342,7 @@ impl fmt::Display for Worked<'_> {
         if !self.quarantined.is_empty() {
             write!(
                 f,
-                "; {} scenes in quarantine: `glasshouse status RUN` lists them, `glasshouse retry RUN SCENE` tries one again",
+                "; {} scenes in quarantine: `glasshouse status RUN` lists them; `glasshouse retry RUN SCENE` tries one again",
                 self.quarantined.len()
             )?;
         }

@@ -19,7 +19,7 @@ pub enum SceneError {
         source: Box<dyn std::error::Error + Send + Sync>,
     },
     #[error(
-        "{} has {width}x{height} pixels; allowed are 1 to {max_side} a side and at most {max_pixels} in total: resize it",
+        "{} has {width}x{height} pixels; give an image with 1 to {max_side} per side and at most {max_pixels} in total",
         path.display(),
         max_side = super::limits::MAX_SIDE,
         max_pixels = super::limits::MAX_PIXELS
@@ -41,7 +41,7 @@ pub enum SceneError {
         depth_width: usize,
         depth_height: usize,
     },
-    /// A colour image with values that are not radiance, after `transfer` and `exposure`.
+    /// A colour image with NaN, infinite or negative values after `transfer` and `exposure`.
     #[error(
         "{} has {count} pixels with NaN, infinite or negative radiance, the first at column {x}, row {y}; repair the file, or lower the exposure",
         path.display()
@@ -66,7 +66,7 @@ pub enum SceneError {
     DepthRange {
         path: PathBuf,
         count: usize,
-        /// Depth along the optical axis of the first such pixel in reading order.
+        /// Depth of the first such pixel in reading order (in a panorama, along the ray).
         z_m: f64,
         x: usize,
         y: usize,

@@ -30,7 +30,7 @@ impl<'de> Deserialize<'de> for Side {
     }
 }
 
-/// Reads one kind of side. Its `Deserialize` names a wrong key and all allowed keys; an untagged enum cannot.
+/// Reads one kind of side. Errors name a wrong key and all allowed keys; those of an untagged enum would not.
 fn read<T: DeserializeOwned>(kind: &str, keys: Map<String, Value>) -> Result<T, String> {
     from_value(Value::Object(keys)).map_err(|error| format!("a side with `{kind}`: {error}"))
 }
@@ -57,7 +57,7 @@ impl<'de> Visitor<'de> for KeysVisitor {
     }
 }
 
-/// The keys of a [`PanoramaFile`]. serde cannot both flatten its depth, a constant or a map, and refuse unknown keys.
+/// The keys of a [`PanoramaFile`]. serde cannot refuse unknown keys beside a flattened enum (the depth).
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PanoramaKeys {

@@ -13,7 +13,7 @@ pub fn absolute(x: &Tensor) -> Result<Tensor> {
 /// Number of differences that one thread sums at a time.
 const AT_ONCE: usize = 1 << 15;
 
-/// Computes the mean of |a - b| of two f32 tensors of one shape, summed in f64. The gradient is 0 where a equals b.
+/// Computes the mean of |a - b| of f32 tensors of one shape. On the CPU, sums are f64. The gradient is 0 where a = b.
 pub fn mean_absolute_difference(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     if !a.device().is_cpu() {
         return plain(a, b);

@@ -1,4 +1,4 @@
-//! Small valid files of every format, the seeds of the fuzzers.
+//! Seeds of the fuzzers: small files, at least one of them valid for each reader.
 
 use super::pictures::{images, png};
 use glasshouse::farm::queue::{Message, write_message};
@@ -125,7 +125,7 @@ pairs = { sample = 3 }
 "#,
 ];
 
-/// Returns a square and a triangle in each PLY format.
+/// Returns a quadrilateral and a triangle in each PLY format.
 fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     let header = |coding: &str, vertex: &str| {
         format!(
@@ -167,7 +167,7 @@ fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     vec![("text.ply", text.into_bytes()), ("little.ply", little), ("big.ply", big)]
 }
 
-/// Returns files that only `inspect` reads.
+/// Returns seeds of `inspect`: files of an export and of a training.
 fn of_an_export_and_a_training() -> Vec<(&'static str, Vec<u8>)> {
     let mut shard = tar::Builder::new(vec![]);
     let picture = png(&[7; 12], 2, 2, Png::Rgb8);
@@ -240,7 +240,7 @@ pub(crate) fn all() -> Vec<Seed> {
     seeds
 }
 
-/// Returns messages between the processes of a farm.
+/// Returns messages of a queue and small records in a run's store.
 fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
     let waiting = Message { task: Task { scene: 7, shards: 16..32 }, hops: 1 };
     let records = [
