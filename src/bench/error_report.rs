@@ -30,7 +30,7 @@ pub struct ErrorReport<'a> {
     pub cpu: Option<String>,
     /// Number of averaged seeds.
     pub seeds: u32,
-    /// Samples a pixel of each rung.
+    /// Samples per pixel of each rung.
     pub spp: &'a [u32],
     pub reference: &'a Reference,
     pub slopes: Vec<Slope>,

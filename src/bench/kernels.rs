@@ -190,7 +190,7 @@ pub fn kernels(
     Ok(rows)
 }
 
-/// Times the whole tracer on sixteen tiles of 16 x 16 px spread over the film, 256 samples a pixel, with both apexes.
+/// Times the whole tracer on sixteen tiles of 16 x 16 px spread over the film, 256 samples per pixel, with both apexes.
 pub fn tracer(
     scene: &BenchScene,
     isas: &[Isa],

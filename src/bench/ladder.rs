@@ -60,12 +60,12 @@ fn with_target(line: &SceneLine, rung: u32) -> SceneLine {
     line
 }
 
-/// Maximum number of samples a pixel in an adaptive rendering.
+/// Maximum number of samples per pixel in an adaptive rendering.
 const MOST_SAMPLES: u32 = 65_536;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ladder {
-    /// Samples a pixel, ascending powers of two.
+    /// Samples per pixel, ascending powers of two.
     pub spp: Vec<u32>,
     /// Number of consecutive seeds, starting at the scene's. Errors are averages over the seeds.
     pub seeds: u32,
@@ -84,9 +84,9 @@ impl Ladder {
 pub struct LayerRow {
     pub variant: &'static str,
     pub layer: &'static str,
-    /// The rung: requested samples a pixel.
+    /// The rung: requested samples per pixel.
     pub spp: u32,
-    /// Samples a pixel of the layer (R takes fewer); for adaptive sampling, the mean over the film.
+    /// Samples per pixel of the layer (R takes fewer); for adaptive sampling, the mean over the film.
     pub samples: f64,
     /// CPU seconds of the tracer for all four layers; the median over seeds and repetitions of short renderings.
     pub cpu_s: f64,
@@ -178,7 +178,7 @@ pub fn climb(
 /// Least ratio of a fitted rung's RMSE to the reference's stated error.
 const CLEAR_OF_REFERENCE: f64 = 3.0;
 
-/// Least number of samples a pixel in the tail.
+/// Least number of samples per pixel in the tail.
 const TAIL_SAMPLES: f64 = 16.0;
 
 /// Fits the slopes of RMSE against the layer's samples, by variant and layer.

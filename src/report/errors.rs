@@ -41,7 +41,7 @@ pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
             @if known == 0 {
                 "Workers have not reported the cost of single scenes yet."
             } @else if known < survey.done.len() {
-                "The cost of " (known) " scenes is known; workers without a log traced parts of the other scenes."
+                "The cost of " (known) " scenes is known; the logs lack or repeat shards of the other scenes."
             }
         }
         div.plots.wide {
@@ -62,7 +62,7 @@ struct LayerErrors {
     k: usize,
     /// Errors with the index of the scene in the manifest, sorted.
     sorted: Vec<(f64, usize)>,
-    /// Samples a pixel of each scene, sorted.
+    /// Samples per pixel of each scene, sorted.
     samples: Vec<f64>,
 }
 
@@ -127,7 +127,7 @@ fn distribution(layers: &[LayerErrors]) -> Markup {
     plot(SIZE, "Distribution of the stated errors of each layer", &content)
 }
 
-/// Draws a scatter plot with one point for each scene and layer: `across` returns x, the stated error is y.
+/// Draws a scatter plot with one point for each scene and layer: `across` returns x, and y is the stated error.
 fn cloud(
     survey: &Survey,
     label: &str,
@@ -211,7 +211,7 @@ fn summary(run: &Run, layers: &[LayerErrors]) -> Markup {
     table("Stated errors", &heads, &html! { @for layer in layers { (row(layer)) } })
 }
 
-/// Returns the costs of the scenes for which the logs have each shard exactly once.
+/// Returns the costs of the scenes for which the logs contain each shard exactly once.
 fn costs(run: &Run, survey: &Survey) -> Costs {
     let mut traced: BTreeMap<&str, (u32, f64)> = BTreeMap::new();
     for scene in survey.logs.iter().flat_map(|log| &log.scenes) {

@@ -46,7 +46,7 @@ fn film(lines: &[SceneLine]) -> (String, &'static str) {
     }
 }
 
-/// Formats the samples a pixel that the recipe sets, and their unit or limit.
+/// Formats the samples per pixel that the recipe sets, and their unit or limit.
 fn samples(lines: &[SceneLine]) -> (String, String) {
     let counts: BTreeSet<u32> = lines.iter().map(|l| l.film.spp).collect();
     let text = |count: Option<&u32>| count.map_or("none".to_owned(), u32::to_string);

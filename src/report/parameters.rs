@@ -63,7 +63,7 @@ pub(super) fn parameters(lines: &[SceneLine]) -> Markup {
     }
 }
 
-/// Draws the table of rejected draws, or nothing without any.
+/// Draws the table of rejected draws, or nothing if `rejected` is empty.
 pub(super) fn rejections(scenes: usize, rejected: &[RejectedScene]) -> Markup {
     if rejected.is_empty() {
         return html! {};
@@ -87,9 +87,9 @@ pub(super) fn rejections(scenes: usize, rejected: &[RejectedScene]) -> Markup {
     html! {
         h3 { "Rejected draws" }
         p {
-            (draws) " draws were examined for " (scenes) " scenes; " (rejected.len())  " of these ("
+            (draws) " draws were examined for " (scenes) " scenes; " (rejected.len())  " draws ("
             (percent(rejected.len())) ") were rejected and replaced by other draws. "
-            code { "rejected.jsonl" } " has each with its reason."
+            code { "rejected.jsonl" } " lists each rejected draw with its reason."
         }
         (table("Rejected draws", &["rule", "#draws", "#of all draws", "for example"], &rows))
     }

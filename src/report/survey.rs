@@ -33,7 +33,7 @@ pub(super) struct DoneScene {
 
 /// Entries of a layer in `tuple.json`, kept in memory for all scenes.
 pub(super) struct LayerFacts {
-    /// Samples a pixel; for an adaptive scene, their mean.
+    /// Samples per pixel; for an adaptive scene, their mean.
     pub(super) samples: f64,
     /// Stated RMS error, linear; `None` for one sample.
     pub(super) error_rms: Option<f64>,

@@ -50,7 +50,7 @@ const NOT_RUN: &[(&str, Instead, &str)] = &[
     ("bench train -j 1 --json --steps 3", DryRun, "measures for minutes"),
 ];
 
-/// Returns the names of all commands and subcommands (`bench error`), subcommands first.
+/// Returns "" (the program) and the names of all visible commands, each after its subcommands (such as `bench error`).
 fn commands() -> Vec<String> {
     fn walk(command: &clap::Command, before: &str, names: &mut Vec<String>) {
         for inside in command.get_subcommands().filter(|inside| !inside.is_hide_set()) {
@@ -78,7 +78,7 @@ fn examples(name: &str) -> Vec<String> {
         .filter(|line| !line.is_empty())
         .map(|line| {
             line.strip_prefix("glasshouse ")
-                .unwrap_or_else(|| panic!("{name:?}: {line:?} among the examples is not one"))
+                .unwrap_or_else(|| panic!("{name:?}: {line:?} does not run `glasshouse`"))
                 .to_owned()
         })
         .collect();
@@ -94,7 +94,7 @@ fn all_examples() -> Vec<String> {
     all
 }
 
-/// Splits an example into words, and replaces outside paths by paths in `folder`.
+/// Splits an example into words, and replaces absolute paths with paths in `folder`.
 fn words(line: &str, folder: &Path) -> Vec<String> {
     let of = |word: &str| match word.strip_prefix("/tmp/") {
         Some(name) => folder.join(name).display().to_string(),
@@ -116,7 +116,7 @@ fn every_example_is_valid_and_every_exception_exists() {
         assert!(parsed.is_ok() || is_help, "{line}: {}", parsed.unwrap_err());
     }
     for (line, _, why) in NOT_RUN {
-        assert!(all.iter().any(|other| other == line), "no help has the example {line:?} ({why})");
+        assert!(all.iter().any(|other| other == line), "no help text has {line:?} ({why})");
     }
 }
 

@@ -1,10 +1,10 @@
-//! Makes the files that `export` and `train` write.
+//! Files that `export` and `train` write, and the expected output of `inspect` for each.
 
 use crate::every_file::{Files, SCENE};
 use sha2::Digest;
 use std::fmt::Write;
 
-/// Makes a shard with the member names of `export`.
+/// Makes an export of two samples, with the member names of `export`, and lists its files.
 pub(crate) fn of_an_export(files: &mut Files) {
     let tuple = files.folder.path().join("runs/smoke/tuples").join(SCENE);
     let mut shard = tar::Builder::new(Vec::new());

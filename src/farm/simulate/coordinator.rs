@@ -1,4 +1,4 @@
-//! A model of the coordinator, which polls the queue, lists queue and store, and publishes missing scenes.
+//! A model of the coordinator, which polls the queue, lists the queue and the store, and publishes missing scenes.
 
 use super::state::{Event, Sim, us};
 use crate::farm::queue::Message;
