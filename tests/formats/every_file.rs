@@ -73,7 +73,12 @@ fn of_a_run(files: &mut Files) {
     let (id, made) = partials(&folder.join("runs/smoke"), 0);
     put_partials(&folder.join("runs/smoke"), &id, &made[..1]);
     files.is("runs/smoke", "run", unknown, &["scenes", "smoke"]);
-    files.is("runs/smoke/spec.json", "spec", unknown, &["tile px", "golden", "match manifest.jsonl"]);
+    files.is(
+        "runs/smoke/spec.json",
+        "spec",
+        unknown,
+        &["tile px", "golden", "match manifest.jsonl"],
+    );
     files.is(
         "runs/smoke/manifest.jsonl",
         "manifest",
