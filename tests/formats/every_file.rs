@@ -77,13 +77,13 @@ fn of_a_run(files: &mut Files) {
         "runs/smoke/spec.json",
         "spec",
         unknown,
-        &["tile px", "golden", "match manifest.jsonl"],
+        &["tile px", "golden", "manifest.jsonl match"],
     );
     files.is(
         "runs/smoke/manifest.jsonl",
         "manifest",
         whole,
-        &["1 train, 1 test", "glass.tilt_deg yaw", "the digest in spec.json"],
+        &["1 train, 1 test", "glass.tilt_deg yaw", "the one in spec.json"],
     );
     files.is("manifests/smoke.toml", "recipe", unknown, &["seed", "sample", "plan RECIPE"]);
     files.is("scene.json", "scene", unknown, &["one, split train", "a.png"]);
@@ -99,7 +99,7 @@ fn of_a_run(files: &mut Files) {
         &format!("{tuple}/tuple.exr"),
         "tuple_exr",
         whole,
-        &["64 x 64 px, half", SCENE, "mean", "the digest in tuple.json"],
+        &["64 x 64 px, half", SCENE, "mean", "the one in tuple.json"],
     );
     files.is(
         &format!("{tuple}/tuple.json"),

@@ -50,7 +50,7 @@ pub(crate) fn of_a_training(files: &mut Files) {
     );
     files.is("runs/smoke/train/backtrack", "stage", whole, &["step-0000002", "total"]);
     let step = "runs/smoke/train/separation/step-0000002";
-    files.is(step, "checkpoint", whole, &["stage separation", "state.json fit"]);
+    files.is(step, "checkpoint", whole, &["stage separation", "state.json match"]);
     files.is(
         &format!("{step}/state.json"),
         "checkpoint_state",
@@ -61,7 +61,7 @@ pub(crate) fn of_a_training(files: &mut Files) {
         &format!("{step}/model.safetensors"),
         "tensors",
         whole,
-        &["separation", "backtrack", "discriminator", "the digest in state.json"],
+        &["separation", "backtrack", "discriminator", "the one in state.json"],
     );
     files.is(&format!("{step}/optimizer.safetensors"), "tensors", whole, &["mean", "square"]);
     let stage = "runs/smoke/train/separation";
@@ -77,7 +77,7 @@ pub(crate) fn of_a_training(files: &mut Files) {
     let events = events.into_iter().find(|name| name.starts_with("events.")).unwrap();
     files.is(&format!("{stage}/{events}"), "events", unknown, &["TensorBoard"]);
     let scores = "runs/smoke/train/evaluation/evaluation";
-    files.is(&format!("{scores}.csv"), "evaluation_rows", unknown, &["rows", "psnr colour db"]);
+    files.is(&format!("{scores}.csv"), "evaluation_rows", unknown, &["rows", "psnr_colour_db"]);
     files.is(&format!("{scores}.md"), "evaluation_table", unknown, &["PSNR"]);
     files.is(&format!("{scores}.json"), "output", unknown, &["glasshouse.evaluate/1"]);
 }
