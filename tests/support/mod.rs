@@ -1,4 +1,4 @@
-//! Support for several test binaries: runs the program, makes inputs, decodes outputs, and starts servers.
+//! Functions of several test binaries that run the program, make inputs, decode outputs, and start servers.
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 
 pub(crate) mod browser;
