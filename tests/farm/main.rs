@@ -1,4 +1,4 @@
-//! Many workers on one run, and one worker with many faults: the pixels stay the same.
+//! Tests the commands, queues, stores and web server of runs. Faults and the number of workers change no pixel.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,
