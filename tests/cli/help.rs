@@ -6,7 +6,7 @@ use clap::{CommandFactory, Parser};
 use glasshouse::cli::Args;
 use std::path::Path;
 
-/// Treatment of an example that a test cannot run.
+/// Treatment of an example that the test does not run unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Instead {
     /// The test runs the example with `-n`.
@@ -17,7 +17,7 @@ enum Instead {
 
 use Instead::{DryRun, Parsed};
 
-/// Examples that the test does not run unchanged, with the reasons.
+/// Examples that the test does not run unchanged, each with its treatment and the reason.
 const NOT_RUN: &[(&str, Instead, &str)] = &[
     ("sample /tmp/places --layout places --count 68", DryRun, "is slow"),
     ("sample /tmp/many --layout places --count 4160 --width 32 --height 24", DryRun, "is slow"),

@@ -1,5 +1,5 @@
-//! Checks the documents: links work, every command and schema is described, the README's scene renders, its figures
-//! name their commands, and every command line runs or is an exception with a reason.
+//! Checks the documents: links work, every command and schema is described, the README's scene renders, the README's
+//! figures name their commands, and every command line runs or is an exception with a reason.
 
 use crate::document_pages::{page, pages};
 use crate::not_run::{NOT_RUN, is_of};
@@ -99,7 +99,7 @@ fn image_size(path: &Path) -> (u32, u32) {
 /// Commands that leave no files. The test runs them as they are, and adds `-n` to other commands.
 const READ_ONLY: &[&str] = &["status", "explain", "doctor", "completions", "inspect"];
 
-/// Adds the files and folders that the documents' command lines name to the workplace.
+/// Adds to the workplace the files and folders that the documents' command lines name.
 fn furnish(folder: &Path) {
     let run = |line: &str| {
         let words: Vec<&str> = line.split(' ').collect();
@@ -162,7 +162,7 @@ fn as_run(line: &str) -> Vec<String> {
         word[usize::from(is_absolute)..].to_owned()
     };
     let mut words: Vec<String> = line.split_whitespace().skip(1).map(below).collect();
-    // A document that names only a command refers to its help.
+    // A document that names a command without arguments refers to the command's help.
     if words.len() == 1 || words[0] == "bench" && words.len() == 2 {
         words.push("--help".to_owned());
     }

@@ -1,4 +1,4 @@
-//! Truncated, corrupted or foreign partials are detected, and their shards are traced again.
+//! Truncated, corrupted or foreign partials and tuples are detected, and made again.
 
 use crate::support::outputs::{assert_same, assert_tidy, manifest, tuples};
 use crate::support::program::{run, text};

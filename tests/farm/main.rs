@@ -1,4 +1,4 @@
-//! Tests the commands, queues, stores and web server of runs. Faults and the number of workers change no pixel.
+//! Tests the commands, queues, stores and web server of runs, with one worker and with many, and under faults.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

@@ -1,4 +1,4 @@
-//! Bad scenes go into quarantine with a reason that names file and remedy; the other scenes are rendered.
+//! Bad scenes go into quarantine with a reason that names the file and a remedy; the other scenes are rendered.
 
 use crate::support::outputs::{files, quarantine_reason};
 use crate::support::program::{run, text};

@@ -34,6 +34,6 @@ fn the_script_puts_new_numbers_into_the_page() {
     assert!(!dom.contains("<img src=\"x\""));
     assert!(between(&dom, "id=\"note\"", ">").contains("hidden"), "{dom}");
     assert_eq!(dom.matches("data-key=\"train-1\"").count(), 1);
-    // The browser fetched the four pictures once, although it refreshed the page.
+    // The browser fetched each of the four pictures once, although it refreshed the page.
     assert_eq!(run.pictures_asked(), 4);
 }

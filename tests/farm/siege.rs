@@ -1,4 +1,4 @@
-//! Runs many workers under faults of all kinds, drawn from a seed: the tuples equal those of one process.
+//! Runs workers under random faults of all kinds: after an audit and a retry, the tuples equal those of one process.
 //!
 //! Workers are killed, or suspended beyond their leases and resumed; one is four times slower, one hangs with a live
 //! lease keeper, one computes wrong bits, and one scene aborts its process. The coordinator and the queue's server are
@@ -53,7 +53,7 @@ enum Event {
     StoreAway,
 }
 
-/// The size of a siege.
+/// Numbers of workers, scenes, sample ranges and events of a siege.
 #[derive(Clone, Copy)]
 struct Size {
     workers: usize,
@@ -208,7 +208,7 @@ impl Siege {
         self.start("work", run, &more)
     }
 
-    /// Starts or restarts a worker. The hanging worker hangs only after its first start.
+    /// Starts or restarts a worker. Only the first process of the hanging worker hangs.
     fn start_worker(&mut self, number: usize) {
         let poison = format!("abort:{POISON}");
         let mut faults = vec![poison.as_str()];
@@ -402,7 +402,7 @@ fn hold(size: Size, in_bucket: bool) {
     }
     let folder = siege.place.run.clone();
     let folder = text(&folder);
-    // The audit finds every wrong result, and names the wrong worker.
+    // The audit finds every wrong result, and names the worker that made it.
     let audited = siege.command(&["audit", folder, "--share", "1", "--json"]).json();
     assert_eq!(audited["not_compared"], 0);
     let mut wrong: BTreeSet<String> = quarantined;

@@ -80,7 +80,7 @@ fn workers_need_only_the_bucket_and_the_queue() {
     let store = bucket.store(PREFIX);
     assert_same(&fetched(&store, &place.folder.path().join("found")), reference());
     assert_finished(&store);
-    // Workers write only manifest, spec and cache to their folders, and nothing to the coordinator's.
+    // The tuples are neither in the coordinator's folder nor in the workers' folders.
     assert!(!place.run.join("tuples").exists());
     assert!(!place.folder.path().join("a/tuples").exists());
     // Another coordinator, on a machine that has only the bucket, finds that the run is done.
@@ -88,8 +88,8 @@ fn workers_need_only_the_bucket_and_the_queue() {
     end(start("coordinate", &other, &queue, &bucket, &[])).expect(0);
 }
 
-/// 12 % of the requests to the bucket are faulty, the bucket is unreachable for 3 s, workers, coordinator and queue are
-/// killed, and the queue loses its messages.
+/// 12 % of the requests to the bucket are faulty, and the bucket is unreachable for 3 s. Workers, the coordinator and
+/// the queue's server are killed, and the queue loses its messages.
 #[test]
 fn eight_workers_under_all_faults_make_the_tuples_of_one_process() {
     let Some(mut queue) = Nats::start() else {
@@ -114,7 +114,7 @@ fn eight_workers_under_all_faults_make_the_tuples_of_one_process() {
     let second = coordinator(&place, &queue, &bucket);
     let before = results(&store);
     let is_over = || store.get("finished.json").unwrap().is_some();
-    wait_for("more", || results(&store) > before + 4 || is_over());
+    wait_for("another result", || results(&store) > before + 4 || is_over());
     queue.kill_and_restart(true);
     bucket.faults.set_away(true);
     std::thread::sleep(Duration::from_secs(3));

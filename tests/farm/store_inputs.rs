@@ -1,4 +1,4 @@
-//! Photographs in a bucket yield the same scenes and pixels as in a folder, and the cache saves repeated fetches.
+//! Photographs in a bucket yield the same scenes and pixels as in a folder, and a cache avoids repeated fetches.
 
 use crate::support::moto::Moto;
 use crate::support::outputs::{assert_same, files, tuples};

@@ -1,4 +1,4 @@
-//! Functions of several test binaries that run the program, make inputs, decode outputs, and start servers.
+//! Runs the program, makes inputs, decodes outputs, and starts servers for several test binaries.
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 
 pub(crate) mod browser;

@@ -14,7 +14,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 use tempfile::TempDir;
 
-/// A recipe of four scenes of 96 x 64 px, a size that is neither square nor a multiple of tiles of 64 or 100 px.
+/// A recipe of four scenes of 96 x 64 px, a size that is neither square nor a whole number of tiles of 64 or 100 px.
 pub(crate) const RECIPE: &str = r#"
 schema = "glasshouse.recipe/1"
 name = "small"
@@ -41,7 +41,7 @@ pub(crate) const SCENES: usize = 4;
 /// Number of shards of one scene with tiles of 16 px.
 pub(crate) const SHARDS: usize = 24;
 
-/// A folder that contains the recipe and gets a run.
+/// A temporary folder, and the paths of the recipe and the run in it.
 pub(crate) struct Place {
     pub(crate) folder: TempDir,
     pub(crate) recipe: PathBuf,

@@ -1,4 +1,4 @@
-//! The key script makes keys for the queue's server, and the configuration starts a server that requires TLS and a key.
+//! The key script makes keys for the queue's server, and the shipped configuration requires TLS and a key.
 
 use super::launch;
 use crate::support::nats::SecureNats;
