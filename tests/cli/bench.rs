@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// Writes a scene file of 40 x 24 px and its photographs to `folder`.
+/// Writes a scene line and its photographs to `folder`; returns the path of the scene file.
 fn scene_file(folder: &Path, line: &Value) -> PathBuf {
     photographs(folder);
     let path = folder.join("scene.json");
@@ -147,7 +147,7 @@ fn independent_samples_agree_with_sobol_and_converge_slower() {
             assert!(found < -0.53, "{slope:?}");
         }
     }
-    // Finished cells take no more samples, and the error of every cell is close to the row's target.
+    // Finished cells take no more samples, and the error of every cell is less than twice the row's target.
     for row in rows.iter().filter(|row| row.variant == "adaptive") {
         let target = 0.03 / f64::from(row.spp).sqrt();
         assert!(row.deviation.cell_rmse_worst < 2.0 * target, "{row:?}");
@@ -178,7 +178,7 @@ fn floats(path: &Path) -> Vec<f64> {
     values.iter().map(|v| f64::from(f32::from_le_bytes(*v))).collect()
 }
 
-/// Reads the dump by its documentation: every hit lies on the mesh of the dumped vertices.
+/// Reads the dump as documented: every hit inside the photograph lies on the mesh of the dumped vertices.
 #[test]
 fn dumped_rays_hit_the_dumped_mesh() {
     let folder = tempfile::tempdir().unwrap();
@@ -209,7 +209,7 @@ fn dumped_rays_hit_the_dumped_mesh() {
         let (nx, ny) =
             (class["nx"].as_u64().unwrap() as usize, class["ny"].as_u64().unwrap() as usize);
         assert_eq!(hits.len(), class["count"].as_u64().unwrap() as usize);
-        // The dump has every fourth pixel of 40 x 24.
+        // The dump has 256 rays for every fourth pixel of every fourth row of 40 x 24 px.
         assert_eq!((hits.len(), rays.len()), (10 * 6 * 256, hits.len() * 6));
         assert_eq!((nx, ny, vertices.len()), (64, 48, 64 * 48 * 3));
         assert!(class["kernel_mrays_per_s"].as_f64().unwrap() > 0.0);
@@ -224,7 +224,7 @@ fn dumped_rays_hit_the_dumped_mesh() {
         for (ray, z) in rays.as_chunks::<6>().0.iter().zip(&hits) {
             let [ox, oy, oz, dx, dy, dz] = ray;
             assert_eq!((*oz, *dz), (0.0, 1.0));
-            // Inverse depth is linear over a triangle of the mesh in pixel coordinates.
+            // Inside a triangle of the mesh, inverse depth is a linear function of pixel coordinates.
             let u = (ox + dx * z) / z * fx + cx - 0.5;
             let v = (oy + dy * z) / z * fy + cy - 0.5;
             if !(u > 0.0 && v > 0.0 && u < (nx - 1) as f64 && v < (ny - 1) as f64) {
@@ -244,7 +244,7 @@ fn dumped_rays_hit_the_dumped_mesh() {
     }
 }
 
-/// The simulated farm: equal arguments give equal numbers, faults are counted, and every shard is traced.
+/// In the simulated farm, equal arguments give equal numbers, faults are counted, and every shard is traced.
 #[test]
 fn the_simulated_farm_is_deterministic() {
     let simulate = || {

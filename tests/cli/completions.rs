@@ -1,4 +1,4 @@
-//! Tests shell completions, and man pages of every command.
+//! Tests the shell completions, and the man page of every command.
 
 use crate::support::program::{Ended, command, run, text};
 use clap::CommandFactory;
@@ -6,7 +6,7 @@ use glasshouse::cli::Args;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Returns the names of all commands as in file names: `glasshouse`, `glasshouse-bench-error`, ...
+/// Returns the names of all visible commands as in file names: `glasshouse`, `glasshouse-bench-error`, ...
 fn names() -> Vec<String> {
     fn walk(command: &clap::Command, name: &str, names: &mut Vec<String>) {
         names.push(name.to_owned());
@@ -116,7 +116,7 @@ fn every_command_has_a_man_page() {
     );
 }
 
-/// Formats a page with groff, if it is installed; checks that examples are on separate lines.
+/// Formats a page with groff, and asserts that an example starts a line; returns false without groff.
 fn render(path: &Path) -> bool {
     let output =
         Command::new("groff").args(["-man", "-Tutf8", "-ww", "-rLL=90n"]).arg(path).output();

@@ -6,7 +6,7 @@ use clap::{CommandFactory, Parser};
 use glasshouse::cli::Args;
 use std::path::Path;
 
-/// Treatment of an example that a test cannot run.
+/// Treatment of an example that the test does not run unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Instead {
     /// The test runs the example with `-n`.
@@ -17,7 +17,7 @@ enum Instead {
 
 use Instead::{DryRun, Parsed};
 
-/// Examples that the test does not run unchanged, with the reasons.
+/// Examples that the test does not run unchanged, each with its treatment and the reason.
 const NOT_RUN: &[(&str, Instead, &str)] = &[
     ("sample /tmp/places --layout places --count 68", DryRun, "is slow"),
     ("sample /tmp/many --layout places --count 4160 --width 32 --height 24", DryRun, "is slow"),
@@ -94,7 +94,7 @@ fn all_examples() -> Vec<String> {
     all
 }
 
-/// Splits an example into words, and replaces absolute paths with paths in `folder`.
+/// Splits an example into words, and replaces paths in `/tmp` and `/data` with paths in `folder`.
 fn words(line: &str, folder: &Path) -> Vec<String> {
     let of = |word: &str| match word.strip_prefix("/tmp/") {
         Some(name) => folder.join(name).display().to_string(),

@@ -1,4 +1,4 @@
-//! Tests the command line: help, completions, signals, `--json`, exit codes, and commands that only read or measure.
+//! Tests the command line: help, man pages, completions, signals, `--json`, exit codes, `bench` and `doctor`.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

@@ -1,4 +1,4 @@
-//! After signals, time limits and full disks, finished work stays, and the exit code gives the reason.
+//! After signals, time limits and full disks, finished work remains, and the exit code gives the reason.
 
 use crate::support::outputs::{assert_same, assert_tidy, files, manifest, tuples};
 use crate::support::program::{Ended, command, run, run_on_full_disk, send, text, wait_until};
@@ -84,7 +84,7 @@ fn a_time_limit_exits_with_75_until_the_run_is_done() {
     let ended = run(&["work", folder, "--time-limit", "0", "--json"]).expect(75);
     assert_eq!(ended.json()["stopped"], "time_limit");
     assert_eq!(ended.json()["shards_traced"], 0);
-    // Short time slots, as in a batch queue.
+    // The run resumes in short time slots, as in a batch queue.
     let mut slots = 0;
     loop {
         slots += 1;

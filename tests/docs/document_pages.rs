@@ -3,13 +3,13 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Programs that start a command line in a code block.
+/// First words of command lines in code blocks, separated by spaces.
 const PROGRAMS: &str = "glasshouse cargo python3 python3.11 pip sbatch scancel kubectl docker systemctl systemd-run sudo \
     nats-server nats nohup kill while rsync scp ssh git curl cp mkdir sha256sum benches/peers/run.py \
     benches/peers/export_scene.py ~/peers/bin/pip ~/peers/bin/python .ci/run benches/peers/train_step.py \
     docs/depth_maps.py parallel export";
 
-/// A document.
+/// A Markdown document of the repository.
 pub(crate) struct Page {
     /// Path relative to the repository.
     pub(crate) name: String,
@@ -24,7 +24,7 @@ pub(crate) fn page(name: &str) -> Page {
     }
 }
 
-/// Reads all documents.
+/// Reads the listed documents, and all documents directly in `docs/`.
 pub(crate) fn pages() -> Vec<Page> {
     let named = "README.md ARCHITECTURE.md CHANGELOG.md CONTRIBUTING.md docs/decisions/farm-scheduling.md \
                  manifests/README.md workers/README.md benches/README.md benches/peers/README.md";
@@ -40,7 +40,7 @@ pub(crate) fn pages() -> Vec<Page> {
     names.iter().map(|name| page(name)).collect()
 }
 
-/// Returns the lines, each with true if it is in a code block.
+/// Returns the lines except fences, each with true if the line is in a code block.
 fn lines(text: &str) -> Vec<(&str, bool)> {
     let mut fenced = false;
     let mut before_is_code = true;
@@ -84,7 +84,7 @@ fn is_command(line: &str) -> bool {
 }
 
 impl Page {
-    /// Returns the document's command lines; joins continued lines.
+    /// Returns the command lines in code blocks, with continued lines joined, and `glasshouse` commands in prose.
     pub(crate) fn command_lines(&self) -> Vec<String> {
         let mut found = Vec::new();
         let mut open = String::new();

@@ -1,5 +1,5 @@
-//! Checks the documents: links work, every command is described, every figure of the README names its command, and
-//! every command line runs or is an exception with a reason.
+//! Checks the documents: links work, every command and schema is described, the README's scene renders, the README's
+//! figures name their commands, and every command line runs or is an exception with a reason.
 
 use crate::document_pages::{page, pages};
 use crate::not_run::{NOT_RUN, is_of};
@@ -96,10 +96,10 @@ fn image_size(path: &Path) -> (u32, u32) {
     image::image_dimensions(path).unwrap()
 }
 
-/// Commands that write no file. The test runs them unchanged, and the others with `-n`.
+/// Commands that leave no files. The test runs them as they are, and adds `-n` to other commands.
 const READ_ONLY: &[&str] = &["status", "explain", "doctor", "completions", "inspect"];
 
-/// Creates the files and folders that the documents' command lines name.
+/// Adds to the workplace the files and folders that the documents' command lines name.
 fn furnish(folder: &Path) {
     let run = |line: &str| {
         let words: Vec<&str> = line.split(' ').collect();
@@ -136,14 +136,14 @@ fn furnish(folder: &Path) {
         let recipe = Path::new("manifests").join(name);
         std::fs::copy(repository.join(&recipe), folder.join(&recipe)).unwrap();
     }
-    // These runs are planned separately, and not trained.
+    // These runs have tuples, but no networks.
     for to in ["RUN2", "RUN3"] {
         run(&format!("plan manifests/smoke.toml --out {to}"));
         run(&format!("work {to}"));
     }
 }
 
-/// Replaces the placeholders of a command line, so that it can run in the test's folder.
+/// Replaces placeholders and absolute paths of a command line, drops `--watch`, and adds `-n` or `--help` if necessary.
 fn as_run(line: &str) -> Vec<String> {
     let line = line
         .replace("\"$GLASSHOUSE_QUEUE\"", "nats://one:4222")
@@ -162,7 +162,7 @@ fn as_run(line: &str) -> Vec<String> {
         word[usize::from(is_absolute)..].to_owned()
     };
     let mut words: Vec<String> = line.split_whitespace().skip(1).map(below).collect();
-    // A document that names only a command refers to its help.
+    // A document that names a command without arguments refers to the command's help.
     if words.len() == 1 || words[0] == "bench" && words.len() == 2 {
         words.push("--help".to_owned());
     }

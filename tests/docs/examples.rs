@@ -1,4 +1,4 @@
-//! Runs the programs of `examples/`, the second and the third on the output of the first.
+//! Runs the programs of `examples/`: `read_tuple` and `train_step` read the output of `render_scene`.
 
 #[allow(dead_code, reason = "its main is not called")]
 #[path = "../../examples/read_tuple.rs"]

@@ -1,4 +1,4 @@
-//! Checks the repository's pages, their command lines, and the launch files of `workers/`.
+//! Checks the repository's documents, their command lines, the examples, and the launch files of `workers/`.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

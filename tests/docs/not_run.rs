@@ -1,6 +1,6 @@
 //! Command lines of the documents that no test runs, each with the reason.
 
-/// A pattern that ends with ` …` matches all lines with that beginning.
+/// Patterns of command lines, with reasons. A pattern that ends with ` …` matches all lines with that beginning.
 #[rustfmt::skip]
 pub(crate) const NOT_RUN: &[(&str, &str)] = &[
     ("cargo …", "builds the program and runs this test"),

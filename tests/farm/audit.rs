@@ -57,7 +57,7 @@ fn one_wrong_pixel_is_found() {
     run(&["audit", folder, "--scene", "train-sample-000001"]).expect(1);
     run(&["audit", folder, "--scene", "train-sample-000000"]).expect(0);
 
-    // A record with another value, and a truncated picture.
+    // The test changes a value of a record, and truncates a picture.
     let path = place.run.join("tuples/train-sample-000000/tuple.json");
     let record = std::fs::read_to_string(&path).unwrap();
     std::fs::write(&path, record.replacen("\"miss_share\": ", "\"miss_share\": 1", 1)).unwrap();
@@ -98,7 +98,7 @@ fn partials_are_compared_unless_inputs_have_changed() {
     let mut made = made[..3].to_vec();
     let (header, mut pixels) = (made[1].header.clone(), made[1].pixels.clone());
     pixels[7].mean[0][0] += 1.0;
-    // A partial with a valid digest and a wrong pixel.
+    // This partial has a valid digest and a wrong pixel.
     made[1] = Partial::new(header, pixels);
     put_partials(&place.run, &id, &made);
     let found = run(&["audit", folder, "--scene", &id, "--json"]).expect(1).json();
@@ -124,7 +124,7 @@ fn partials_are_compared_unless_inputs_have_changed() {
     run(&["audit", folder, "--scene", scene]).expect(3).says(&["cannot load"]);
 }
 
-/// In a farm the receipt names the worker; the audit needs only the store.
+/// In a farm, receipts name the workers; the audit reads results and receipts from the store.
 #[test]
 fn the_audit_names_the_worker() {
     let Some(server) = Nats::start() else { return };

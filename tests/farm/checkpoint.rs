@@ -1,4 +1,4 @@
-//! Partials stay in memory until their scene is complete: most are never written, and a stop loses none.
+//! Partials stay in memory for the checkpoint interval: short scenes write none, and a stop loses none.
 
 use crate::processes::{all_done, alone, coordinator, end, slow_place, start};
 use crate::support::nats::Nats;
@@ -33,7 +33,7 @@ fn short_scenes_write_no_partials() {
 }
 
 #[test]
-fn a_stopped_worker_writes_its_partials_in_memory() {
+fn a_stopped_worker_writes_partials_held_in_memory() {
     let place = slow_place();
     let folder = text(&place.run);
     let mut arguments = vec!["work", folder, "-j", "2", "--json", "--fault", "slow:20"];
@@ -56,7 +56,7 @@ fn a_stopped_worker_writes_its_partials_in_memory() {
 }
 
 #[test]
-fn a_donor_writes_its_partials_in_memory() {
+fn a_donor_writes_partials_held_in_memory() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let coordinator = coordinator(&place, &server);
@@ -78,7 +78,7 @@ fn a_donor_writes_its_partials_in_memory() {
 }
 
 #[test]
-fn a_kill_loses_only_partials_in_memory() {
+fn a_kill_loses_only_partials_held_in_memory() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
     let coordinator = coordinator(&place, &server);

@@ -26,7 +26,7 @@ name = "test"
 pairs = { diode = 4 }
 "#;
 
-/// A recipe and its photographs.
+/// A folder with a recipe and its photographs.
 struct Place {
     folder: TempDir,
 }
@@ -46,7 +46,7 @@ impl Place {
         self.folder.path().join(name)
     }
 
-    /// Returns a file of the data set from its path in a scene line.
+    /// Returns the path of a photograph's file from its path in a scene line.
     fn file(&self, path: &str) -> PathBuf {
         self.path("diode").join(path.strip_prefix("diode:").unwrap())
     }
@@ -128,7 +128,7 @@ fn damaged_files_are_listed_in_one_table_and_nothing_is_written() {
     let recipe = place.path("few.toml");
     run(&["run", text(&recipe), "--out", text(&run_folder), "--root", &root]).expect(4);
 
-    // Other photographs replace those left out, the same ones each time, and other scenes do not change.
+    // The photographs left out have the same replacements in each plan, and scenes without them do not change.
     let planned = place.plan("without", &["--skip-invalid"]).expect(0);
     assert!(planned.stderr.contains("photographs left out: 4"), "{planned:?}");
     let planned = planned.json();
@@ -155,7 +155,7 @@ fn damaged_files_are_listed_in_one_table_and_nothing_is_written() {
     }
     assert!(changed >= 4);
 
-    // The photographs stay out even after a repair of their files.
+    // The photographs stay out even after the repair of one file.
     let color = place.file(&bad[0].0);
     std::fs::copy(place.file(left_out[1].as_str().unwrap()), color).unwrap();
     for more in [&[][..], &["--skip-invalid"]] {

@@ -70,7 +70,7 @@ fn workers_with_different_bits_are_both_named() {
     drop(queue);
     let coordinated = end(coordinator(&place, &server)).expect(3).json();
     assert_eq!(coordinated["done"], SCENES - 1);
-    // The second worker found the conflict.
+    // Only the worker of the second put found the conflict.
     let found = workers.map(|worker| end(worker).expect(0).json()["quarantined"].clone());
     let found: Vec<_> = found.iter().filter(|q| **q != json!([])).collect();
     assert_eq!(found.len(), 1, "{found:?}");
@@ -91,7 +91,7 @@ fn workers_with_different_bits_are_both_named() {
     let own = place.run.join("conflicts").join(worker).join(path);
     let other = place.run.join(path);
     assert_ne!(std::fs::read(own).unwrap(), std::fs::read(other).unwrap());
-    // An audit by a third process finds the wrong bytes.
+    // An audit by a third process finds the wrong bytes if they are under the key.
     let folder = text(&place.run);
     let audited = run(&["audit", folder, "--scene", SCENE, "--json"]).json();
     let differ = audited["scenes"][0]["differences"].as_array().unwrap();

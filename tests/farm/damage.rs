@@ -1,4 +1,4 @@
-//! Truncated, corrupted or foreign partials are detected, and their shards are traced again.
+//! Truncated, corrupted or foreign partials and tuples are detected, and made again.
 
 use crate::support::outputs::{assert_same, assert_tidy, manifest, tuples};
 use crate::support::program::{run, text};
@@ -44,7 +44,7 @@ fn damaged_partials_are_traced_again() {
     for (shard, content) in &damaged {
         std::fs::write(&paths[*shard], content).unwrap();
     }
-    // The temporary file of an interrupted write.
+    // This temporary file remains from an interrupted write.
     std::fs::write(paths[0].with_file_name(".tmp-torn"), &bytes[0][..99]).unwrap();
 
     let ended = run(&["work", text(&place.run), "-v", "--json"]).expect(0);
@@ -65,7 +65,7 @@ fn partials_of_replaced_inputs_are_traced_again() {
     place.plan();
     let (id, good) = partials(&place.run, 0);
     put_partials(&place.run, &id, &good);
-    // The back photograph replaces the front photograph, in place.
+    // The back photograph's colour image overwrites the front photograph's.
     let line = &manifest(&place.run)[0];
     let path = |side: &str| {
         let text = line[side]["color"].as_str().unwrap();
@@ -79,8 +79,8 @@ fn partials_of_replaced_inputs_are_traced_again() {
     assert!(tuples[&name] != whole[&name]);
 }
 
-/// Flips one bit in each byte of the header and in some bytes of the pixels: decoding fails or returns the same
-/// content, without a panic and without an allocation of a wrong size.
+/// Flips one bit at a time, in each byte of the header and in some bytes of the pixels: decoding fails or returns the
+/// same content, without a panic or an oversized allocation.
 #[test]
 fn a_flipped_bit_never_changes_the_content() {
     let place = place();

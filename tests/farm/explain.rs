@@ -1,4 +1,4 @@
-//! Runs `explain` on a scene and on a shard in each state.
+//! Runs `explain` on scenes and shards in several states.
 
 use crate::support::program::{run, text};
 use crate::support::scenes::{SHARDS, partials, place, put_partials};
@@ -27,7 +27,7 @@ fn waiting_begun_and_done_scenes_are_explained() {
     assert_eq!(object["state"], "begun");
     assert_eq!(object["there"], json!([[0, 5], [6, SHARDS]]));
     assert_eq!(object["missing"], json!([[5, 6]]));
-    // The film has 96 x 64 px, so that a row has six tiles of 16 px.
+    // The film has 96 x 64 px, so a row has six tiles of 16 px.
     let tile = json!({"x": 80, "y": 0, "width": 16, "height": 16});
     assert_eq!(object["shard"]["tile"], tile);
     assert_eq!(object["shard"]["samples"], json!([0, 256]));

@@ -1,6 +1,6 @@
 //! Runs of the first version, stored in `kept_run/`, continue with equal bits and without repeating completed work.
 //!
-//! `kept_run.sh` made the runs: `half` was killed while it traced, `trained` stopped after two of four steps of the
+//! `kept_run.sh` made the runs: `half` was killed while it traced, and `trained` stopped after two of four steps of the
 //! separation stage. `expected.txt` has the digests of the same plan's files from an uninterrupted run.
 
 use crate::support::program::{run, text};
@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// The instruction set of the machine that trained the kept run. Networks repeat to the bit on one type of CPU only.
+/// The instruction set of the machine that trained the kept run. Training gives equal bits only on one type of CPU.
 const CODE_PATH: &str = "avx512f";
 
 fn unpacked() -> TempDir {

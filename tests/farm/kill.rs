@@ -62,7 +62,7 @@ fn leftovers_of_a_killed_process_are_removed() {
     place.plan();
     run(&["work", text(&place.run)]).expect(0);
     let scene = files(&place.run.join("tuples"))[0].parent().unwrap().to_owned();
-    // A kill between tuple.json and the removal of the partials leaves partials; a kill during a write leaves `.tmp-*`.
+    // A kill after the write of tuple.json can leave partials; a kill during a write can leave `.tmp-*`.
     let partials = place.run.join("partials").join(&scene);
     std::fs::create_dir_all(&partials).unwrap();
     std::fs::create_dir_all(place.run.join("quarantine")).unwrap();

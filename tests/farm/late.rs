@@ -15,7 +15,7 @@ use std::time::Duration;
 
 const LEASE: Duration = Duration::from_mins(1);
 
-/// The folder of partials disappears during a put, with more puts queued: no put may leave a partial.
+/// The folder of partials cannot be written when the first of several queued puts starts: no put may leave a partial.
 #[test]
 fn queued_partials_are_dropped_when_the_scene_is_done() {
     let place = place();

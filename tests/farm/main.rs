@@ -1,4 +1,4 @@
-//! Many workers on one run, and one worker with many faults: the pixels stay the same.
+//! Tests the commands, queues, stores and web server of runs, with one worker and with many, and under faults.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

@@ -1,4 +1,4 @@
-//! Workers on a real NATS server make the same tuples as a single process, even if every process is killed in turn.
+//! Workers on a real NATS server make the tuples of one process, even if workers, coordinator or server are killed.
 
 use crate::processes::{
     all_done, alone, assert_whole, coordinator, end, results, slow_place, start, worker,
@@ -109,7 +109,7 @@ fn a_stopped_worker_requeues_its_work() {
     assert_same(&tuples(&place.run), alone(&place));
 }
 
-/// The second worker starts while the first traces the only scene, and gets the later half.
+/// The second worker starts while the first traces the only scene, and gets a part of its shards.
 #[test]
 fn an_idle_worker_gets_a_part_of_a_scene() {
     let Some(server) = Nats::start() else { return };
@@ -191,7 +191,7 @@ fn wrong_options_of_a_farm_are_reported() {
     .says(&["/nonexistent"]);
 }
 
-/// A dry run reads only the store: it does not wait for an unreachable queue, and it writes nothing.
+/// A dry run reads only the run and its store: it does not wait for an unreachable queue, and it writes nothing.
 #[test]
 fn a_dry_run_needs_no_queue_and_counts_results_in_the_store() {
     let place = place();

@@ -59,7 +59,7 @@ fn foreign_partials_are_refused() {
     put_partials(&place.run, &id, &others[5..6]);
     let ended = run(&["merge", text(&place.run)]).expect(3);
     ended.says(&[&id, "shard 5", "another scene line"]);
-    // `work` traces the missing shards.
+    // `work` also refuses the foreign partial, and traces its shard.
     let outcome = run(&["work", text(&place.run), "--json"]).expect(0).json();
     assert_eq!(outcome["shards_resumed"], SHARDS - 1);
     assert_same(&tuples(&place.run), reference());

@@ -1,4 +1,4 @@
-//! Plans are frozen, compared with later recipes, and refused if they differ.
+//! A plan is frozen: `plan` and `run` compare it with later recipes, and refuse recipes that differ.
 
 use crate::support::outputs::{assert_same, files, read_json, tuples};
 use crate::support::program::{run, text};
@@ -100,7 +100,7 @@ fn a_spec_of_another_machine_is_refused() {
 }
 
 #[test]
-fn paths_in_scene_lines_start_at_their_folder_or_a_root() {
+fn paths_in_scene_lines_start_at_the_manifests_folder_or_a_root() {
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
     let manifest = folder.path().join("scenes.jsonl");
@@ -108,7 +108,7 @@ fn paths_in_scene_lines_start_at_their_folder_or_a_root() {
     let plain = folder.path().join("plain");
     run(&["run", text(&manifest), "--out", text(&plain)]).expect(0);
 
-    // The same photographs under a named root, from a manifest in another folder.
+    // The second manifest, in another folder, names the same photographs through a root.
     let mut rooted = scene("one");
     for side in ["front", "back"] {
         for key in ["color", "depth", "mask"] {
@@ -130,7 +130,7 @@ fn paths_in_scene_lines_start_at_their_folder_or_a_root() {
             assert!(b[path] == *content, "{}", path.display());
         }
     }
-    // The spec stores the root, and `--root` may replace it by another folder.
+    // The spec stores the root, and `--root` may replace it with another folder.
     run(&["work", text(&out)]).expect(0);
     let moved = folder.path().join("moved");
     std::fs::create_dir(&moved).unwrap();

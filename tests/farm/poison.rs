@@ -86,7 +86,7 @@ fn a_good_scene_of_a_crashed_process_is_rendered_in_a_child() {
     assert_eq!(files(&place.run.join("attempts")).len(), 0);
 }
 
-/// A scene that aborts its process on a farm; the test restarts dead workers, as systemd does.
+/// On a farm, a scene aborts each process that traces it; the test restarts dead workers, as systemd does.
 #[test]
 fn a_scene_aborts_at_most_four_processes_of_a_farm() {
     let Some(server) = Nats::start() else { return };
@@ -224,7 +224,7 @@ fn a_file_that_no_worker_can_read_is_named() {
     assert_eq!(tuples(&place.run).len(), 2 * 6);
 }
 
-/// An image that exceeds the memory limit of the process aborts it without an injected fault.
+/// An image that exceeds the memory limit of the process aborts the process without an injected fault.
 #[test]
 fn a_scene_too_large_for_the_memory_is_quarantined() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Starts and watches the processes of a farm, coordinators and workers, and waits for their end.
+//! Starts coordinators and workers, waits for their end, and checks the finished run.
 
 use crate::support::nats::Nats;
 use crate::support::outputs::{Tuples, assert_same, files, tuples};
@@ -20,7 +20,7 @@ pub(crate) fn slow_place() -> Place {
     place
 }
 
-/// Runs the recipe of a place in one process and a separate folder.
+/// Renders the recipe of a place with one worker, without a queue, in a separate folder; returns the folder.
 pub(crate) fn run_alone(place: &Place) -> PathBuf {
     let folder = place.folder.path().join("alone");
     let (recipe, out) = (text(&place.recipe), text(&folder));
@@ -29,7 +29,7 @@ pub(crate) fn run_alone(place: &Place) -> PathBuf {
     folder
 }
 
-/// Returns the tuples that one process makes from the recipe of a place. Runs each recipe once.
+/// Returns the tuples that one worker makes from the recipe of a place. Renders each recipe once.
 pub(crate) fn alone(place: &Place) -> &'static Tuples {
     static MADE: Mutex<BTreeMap<String, &'static Tuples>> = Mutex::new(BTreeMap::new());
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
@@ -56,8 +56,8 @@ pub(crate) fn worker(place: &Place, server: &Nats) -> Child {
     start("work", place, server, &["-j", "1"])
 }
 
-/// Waits up to [`LONGEST`] for the end of a process. Reads its output meanwhile, because a full pipe blocks the
-/// process.
+/// Waits for the end of a process; kills it and panics after [`LONGEST`]. Reads its output meanwhile, because a full
+/// pipe blocks the process.
 #[track_caller]
 pub(crate) fn end(mut child: Child) -> Ended {
     let pid = child.id();
@@ -113,7 +113,7 @@ pub(crate) fn assert_whole(run: &Path, expected: &Tuples) {
     assert_finished(run);
 }
 
-/// Asserts that the store has no unfinished put, no partial and no remains of a queue.
+/// Asserts that the run is recorded as finished and has no partials, and that no put of a tuple is unfinished.
 pub(crate) fn assert_finished(run: &Path) {
     assert!(run.join("finished.json").is_file());
     assert_eq!(files(&run.join("partials")), Vec::<PathBuf>::new());

@@ -1,4 +1,4 @@
-//! Bad scenes go into quarantine with a reason that names file and remedy; the other scenes are rendered.
+//! Bad scenes go into quarantine with a reason that names the file and a remedy; the other scenes are rendered.
 
 use crate::support::outputs::{files, quarantine_reason};
 use crate::support::program::{run, text};
@@ -6,7 +6,7 @@ use crate::support::scenes::{npy, photographs, scene, write_lines};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Writes good files before planning, and damages them afterwards (`is_done`).
+/// Writes good files before planning (`is_done` is false), and damages or removes them afterwards.
 fn damage(folder: &Path, is_done: bool) {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).unwrap();
     let png = std::fs::read(folder.join("a.png")).unwrap();
@@ -23,7 +23,7 @@ fn damage(folder: &Path, is_done: bool) {
     write("small_mask.npy", &npy("(24, 32)", &[1.0; 24 * 32]));
 }
 
-/// Returns scenes, each with words that its reason must contain.
+/// Writes bad files, and returns bad scenes, each with words that the reason of its quarantine must contain.
 fn bad_scenes(folder: &Path) -> Vec<(Value, Vec<&'static str>)> {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).unwrap();
     let depth = |value: f32| npy("(48, 64)", &[value; 48 * 64]);
@@ -115,7 +115,7 @@ fn bad_scenes_are_quarantined_and_good_ones_rendered() {
     assert_eq!(again["merged"], 0);
     assert_eq!(again["shards_traced"], 0);
 
-    // Without its record, the repaired scene is rendered.
+    // Without its quarantine record, the repaired scene is rendered.
     std::fs::remove_file(out.join("quarantine/missing.json")).unwrap();
     let again = run(&["work", text(&out), "--json"]).expect(3).json();
     assert_eq!(again["merged"], 1);

@@ -58,7 +58,7 @@ fn a_queue_holds_each_message_once() {
         let (first, second) = (take(a), take(b));
         assert_eq!([first.message.clone(), second.message.clone()], spans);
         assert!(!first.redelivered && !second.redelivered);
-        // Leased messages are in the set, too.
+        // The queue accepts no copies of leased messages.
         assert!(!b.publish(&spans).unwrap());
         assert!(nothing(a));
         let state = keeper.state().unwrap();
@@ -66,7 +66,7 @@ fn a_queue_holds_each_message_once() {
         a.finish(first.id);
         b.finish(second.id);
         assert!(keeper.state().unwrap().is_quiet());
-        // Finished messages are not.
+        // It accepts finished messages again.
         assert!(a.publish(&spans[..1]).unwrap());
         assert!(!a.publish(&spans).unwrap());
         assert_eq!([take(b).message, take(a).message], spans);
@@ -89,7 +89,7 @@ fn a_lease_expires_unless_it_is_renewed() {
         assert!(again.redelivered);
         assert_eq!(again.message, held.message);
         assert!(start.elapsed() > LEASE / 2, "{:?}", start.elapsed());
-        // Both workers finish it, and it is removed once.
+        // Both workers finish the message, which is removed once.
         b.finish(again.id);
         a.finish(held.id);
         assert!(nothing(a));

@@ -1,5 +1,5 @@
-//! With the shipped server configuration and keys of the shipped script, the program works over TLS with each role's
-//! key, and each role has only the permissions that it needs.
+//! With the shipped server configuration and keys from the shipped script, a farm works over TLS, and each role has
+//! only the permissions that it needs.
 
 use crate::processes::all_done;
 use crate::support::nats::SecureNats;
@@ -35,7 +35,7 @@ fn a_farm_works_over_tls_with_the_shipped_configuration() {
     assert_same(&tuples(&place.run), reference());
 }
 
-/// The error names the refused key or authority, and never contains the seed.
+/// The message names the cause, the certificate or the authorization, and never contains the seed.
 #[test]
 fn a_wrong_key_or_authority_is_reported() {
     let Some(server) = SecureNats::start() else {
@@ -66,7 +66,7 @@ fn a_wrong_key_or_authority_is_reported() {
     says(&["--queue-ca", text(&ca)], &["waiting for the queue", "authorization"]);
 }
 
-/// Publishes to each subject as a role; returns those that the server refused.
+/// Publishes to each subject as a role; returns the subjects that the server refused.
 fn refused(server: &SecureNats, role: &str, subjects: &[&str]) -> Vec<String> {
     let seen: Arc<Mutex<Vec<String>>> = Arc::default();
     let events = Arc::clone(&seen);
@@ -92,7 +92,7 @@ fn refused(server: &SecureNats, role: &str, subjects: &[&str]) -> Vec<String> {
             client.publish((*subject).to_owned(), "".into()).await.unwrap();
         }
         client.flush().await.unwrap();
-        // The server answers in order: after it has refused the marker, it has answered all others.
+        // The server handles messages in order: after it has refused the marker, it has handled all others.
         let start = std::time::Instant::now();
         while !seen.lock().unwrap().iter().any(|e| e.contains(marker)) {
             assert!(start.elapsed() < Duration::from_secs(10), "no answer");

@@ -41,7 +41,7 @@ fn every_route_answers() {
         assert!(page.text().contains(word), "no {word:?}");
     }
     strictly(page.text());
-    // The page fetches nothing from other hosts, and runs only scripts with this answer's nonce.
+    // The page fetches nothing from other hosts, and runs only scripts with the nonce of this response.
     for elsewhere in ["http://", "https://", "\"//", "url(", "@import"] {
         assert!(!page.text().contains(elsewhere), "{elsewhere}");
     }
@@ -227,7 +227,7 @@ fn requests_with_a_foreign_host_name_are_refused() {
     ask("/", "Host: localhost\r\nHost: evil.example\r\n").expect(403);
     ask("http://evil.example/", "Host: localhost\r\n").expect(403);
 
-    // A server that listens for other machines accepts all host names, since it cannot know its own.
+    // A server that listens for other machines accepts all host names, since it cannot determine its own.
     let source: Arc<dyn FarmSource> = run;
     let open = serve(SocketAddr::from(([0, 0, 0, 0], 0)), source, None).unwrap();
     let at = SocketAddr::from(([127, 0, 0, 1], open.address().port()));

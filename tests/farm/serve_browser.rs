@@ -28,12 +28,12 @@ fn the_script_puts_new_numbers_into_the_page() {
     let done: u64 = between(&dom, "<b id=\"done\">", "<").replace(',', "").parse().unwrap();
     assert!(done > 1235, "{done}: {dom}");
     assert!(dom.contains("of 5,000 scenes"));
-    // The whole page is updated, and hostile text never runs, neither when loaded nor when refreshed.
+    // The whole page is updated, and hostile text runs neither at the first load nor at an update.
     let title = between(&dom, "<title>", "<");
     assert!(title.contains("paper") && !title.contains("pwned"), "{title}");
     assert!(!dom.contains("<img src=\"x\""));
     assert!(between(&dom, "id=\"note\"", ">").contains("hidden"), "{dom}");
     assert_eq!(dom.matches("data-key=\"train-1\"").count(), 1);
-    // The browser fetched the four pictures once, although it refreshed the page.
+    // The browser fetched each of the four pictures once, although it refreshed the page.
     assert_eq!(run.pictures_asked(), 4);
 }

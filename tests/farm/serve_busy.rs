@@ -78,7 +78,7 @@ fn dropping_the_server_closes_the_port_and_the_connections() {
     assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
     assert!(TcpStream::connect(at).is_err());
     open.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
-    // The connection ends after the rest of the response.
+    // The server closes or resets the connection.
     let ended = open.read_to_end(&mut Vec::new());
     assert!(ended.is_ok() || ended.unwrap_err().kind() == std::io::ErrorKind::ConnectionReset);
     let again: Arc<dyn FarmSource> = Arc::<Run>::clone(&run);

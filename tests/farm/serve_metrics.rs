@@ -52,7 +52,7 @@ fn metrics_follow_the_text_format() {
         view.workers[0].name = HOSTILE.to_owned();
         view.workers[0].version = "\\".to_owned();
         view.workers[1].last_progress_s = f64::NAN;
-        // The same name and host twice, as after a restart.
+        // Two workers have the same name and host, as after a restart.
         view.workers.push(worker("three", WorkerState::Silent, 99.0));
         view.workers.push(worker("three", WorkerState::Working, 1.5));
         view.eta_s = None;

@@ -19,7 +19,7 @@ pub(crate) const TOKEN: &str = "a token of the test";
 pub(crate) const HOSTILE: &str =
     "<img src=x onerror=\"document.title='pwned'\">\\\"'}\n& {x=\"1\"} 1";
 
-/// A run in memory, which counts requests.
+/// A run in memory, which counts requests for pictures and records actions.
 pub(crate) struct Run {
     pub(crate) view: Mutex<FarmView>,
     /// True if each view has one more finished scene than the last.
@@ -66,7 +66,7 @@ impl FarmSource for Run {
     }
 }
 
-/// Makes a picture that differs from layer to layer.
+/// Makes a picture of a colour that depends on the length of the layer's name.
 pub(crate) fn png(layer: &str) -> Vec<u8> {
     let value = layer.len() as u8;
     let picture = image::RgbImage::from_pixel(4, 3, image::Rgb([value, 128, 255 - value]));
@@ -92,7 +92,7 @@ pub(crate) fn worker(name: &str, state: WorkerState, last_progress_s: f64) -> Wo
     }
 }
 
-/// Makes a run with every kind of content.
+/// Makes a run with two workers, a recent tuple and a scene in quarantine.
 pub(crate) fn run() -> Arc<Run> {
     let recent = RecentTuple {
         scene: id("train-1"),
@@ -167,14 +167,14 @@ impl Answer {
     }
 }
 
-/// Sends a request, and reads until the server closes the connection.
+/// Sends a request, reads until the server closes the connection, and parses the response.
 pub(crate) fn send(address: SocketAddr, request: &str) -> Answer {
     let mut stream = TcpStream::connect(address).unwrap();
     let limit = Some(Duration::from_secs(30));
     stream.set_read_timeout(limit).unwrap();
     stream.write_all(request.as_bytes()).unwrap();
     let mut bytes = Vec::new();
-    // If a server refuses a request before it has read all of it, it resets the connection after its response.
+    // A server that refuses a request without reading all of it resets the connection after its response.
     let _ = stream.read_to_end(&mut bytes);
     let end = bytes.windows(4).position(|w| w == b"\r\n\r\n").unwrap();
     let head = std::str::from_utf8(&bytes[..end]).unwrap();

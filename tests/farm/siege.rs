@@ -1,11 +1,11 @@
-//! Runs many workers under faults of all kinds, drawn from a seed: the tuples equal those of one process.
+//! Runs workers under random faults of all kinds: after an audit and a retry, the tuples equal those of one process.
 //!
 //! Workers are killed, or suspended beyond their leases and resumed; one is four times slower, one hangs with a live
 //! lease keeper, one computes wrong bits, and one scene aborts its process. The coordinator and the queue's server are
 //! killed, the server loses its data, tasks are published repeatedly and in any order, and requests to a bucket fail.
-//! The test restarts each process that ends, as a service manager does.
+//! The test restarts ended workers and killed coordinators, as a service manager does.
 //!
-//! The short sieges have each event at least once; the long ones run by name and in `.ci/run`.
+//! The short sieges have each event (on a disk, except `StoreAway`); the long ones run with `--ignored`.
 
 use crate::processes::alone;
 use crate::store_farm::fetched;
@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 use std::process::Child;
 use std::time::{Duration, Instant};
 
-/// The scene that aborts the process that traces it.
+/// Id of the scene that aborts every process that traces it.
 const POISON: &str = "test-sample-000000";
 /// Number of shards in one range of samples.
 const TILES: u32 = 24;
@@ -53,7 +53,7 @@ enum Event {
     StoreAway,
 }
 
-/// The size of a siege.
+/// Numbers of workers, scenes, sample ranges and events of a siege.
 #[derive(Clone, Copy)]
 struct Size {
     workers: usize,
@@ -61,7 +61,7 @@ struct Size {
     scenes: usize,
     /// Number of sample ranges of a scene.
     ranges: u32,
-    /// Number of times that each event happens.
+    /// Number of times that each event happens; `StoreAway` happens only in a bucket.
     events: [(Event, usize); 7],
 }
 
@@ -150,7 +150,7 @@ impl Siege {
         })
     }
 
-    /// SplitMix64, <https://prng.di.unimi.it/splitmix64.c>.
+    /// Draws a number below `below` with SplitMix64, <https://prng.di.unimi.it/splitmix64.c>.
     fn draw(&mut self, below: usize) -> usize {
         self.random = self.random.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.random;
@@ -200,7 +200,7 @@ impl Siege {
         let mut more = vec!["-j", "1", "--name", name, "--hang-s"];
         // Requests to a failing bucket take longer.
         more.push(if self.bucket.is_some() { "8" } else { "3" });
-        // Some workers write their partials after a second, the others keep them in memory.
+        // Some workers write their partials every second; the others write each partial at once.
         if name.ends_with(['1', '3', '5', '7']) {
             more.extend(["--checkpoint-s", "1"]);
         }
@@ -208,7 +208,7 @@ impl Siege {
         self.start("work", run, &more)
     }
 
-    /// Starts or restarts a worker. The hanging worker hangs only in its first life.
+    /// Starts or restarts a worker. Only the first process of the hanging worker hangs.
     fn start_worker(&mut self, number: usize) {
         let poison = format!("abort:{POISON}");
         let mut faults = vec![poison.as_str()];
@@ -246,7 +246,7 @@ impl Siege {
 
     fn reap(&mut self, number: usize, worker: Child) {
         let ended: Ended = worker.wait_with_output().unwrap().into();
-        // A worker may end because it is done, hung, without a store, or killed by a signal.
+        // A worker may end because it is done, hangs, leaves its work to others, lacks its store, or gets a signal.
         let known = [Some(0), Some(1), Some(75), None];
         assert!(known.contains(&ended.code), "{ended:#?}");
         if ended.code == Some(1) {
@@ -319,7 +319,7 @@ impl Siege {
         let poison = run.lines.iter().position(|line| line.id.as_str() == POISON);
         let of_poison = |message: &&Message| Some(message.task.scene as usize) == poison;
         self.poison_spans += again.iter().filter(of_poison).count();
-        // The server may be starting.
+        // Publishing may fail, because the server may be starting.
         let _ = queue.publish(&again);
     }
 
@@ -402,7 +402,7 @@ fn hold(size: Size, in_bucket: bool) {
     }
     let folder = siege.place.run.clone();
     let folder = text(&folder);
-    // The audit finds every wrong result, and names the wrong worker.
+    // The audit finds every wrong result, and names the worker that made it.
     let audited = siege.command(&["audit", folder, "--share", "1", "--json"]).json();
     assert_eq!(audited["not_compared"], 0);
     let mut wrong: BTreeSet<String> = quarantined;
@@ -433,7 +433,7 @@ fn hold(size: Size, in_bucket: bool) {
     assert_same(&found, alone(&siege.place));
 }
 
-/// Returns the seed, 1 by default: `GLASSHOUSE_SIEGE=7 cargo test --release --test farm siege -- --include-ignored`.
+/// Returns the seed: 1, or as in `GLASSHOUSE_SIEGE=7 cargo test --release --test farm siege -- --include-ignored`.
 fn seed() -> u64 {
     let given = std::env::var("GLASSHOUSE_SIEGE").ok();
     given.map_or(1, |text| text.parse().unwrap())

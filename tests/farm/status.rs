@@ -90,7 +90,7 @@ fn a_store_is_enough_to_watch_and_control_a_run() {
     assert!(lost["queue"]["reason"].is_string(), "{lost}");
     assert_eq!(lost["merged"], 0);
 
-    // Each command refuses the store of another run.
+    // Each of these commands refuses the store of another run.
     let other = self::place();
     other.plan();
     for verb in ["status", "pause", "resume", "cancel"] {

@@ -6,9 +6,9 @@ use crate::support::program::{Ended, PROGRAM, text};
 use crate::support::scenes::{place, reference};
 use std::process::Command;
 
-/// `$1`: an empty folder, `$2`: a recipe, `$3`: a folder for copies, `$4`: the program, `$5`: a queue or nothing.
+/// Script with five arguments: an empty folder, a recipe, a folder for copies, the program, and a queue or "".
 ///
-/// The tmpfs has room for the plan and 0.6 MB more, but tuples and partials of four scenes need about 2 MB.
+/// The tmpfs has room for the plan and 0.6 MB more, but the tuples and partials of four scenes need about 2 MB.
 const SCRIPT: &str = r#"
 set -eu
 disk=$1 recipe=$2 out=$3 glasshouse=$4 queue=$5
@@ -72,7 +72,7 @@ fn check(folder: &std::path::Path, ended: Ended) {
         "check its space",
     ]);
     assert_eq!(ended.stdout.matches("full: 1\n").count(), 2, "{ended:#?}");
-    // On the full disk, some scenes were done, and every tuple with a tuple.json was complete.
+    // On the full disk, the files in `tuples/` were complete, but some were missing.
     let full = tuples(&folder.join("out/full"));
     for (path, content) in &full {
         assert!(reference()[path] == *content, "{}", path.display());

@@ -1,5 +1,5 @@
-//! Tests a farm with its store in a bucket: workers have only the bucket's address, and the tuples equal those of one
-//! process on a disk, whichever processes are killed.
+//! Tests a farm with its store in a bucket: workers have only the addresses of bucket and queue, and the tuples equal
+//! those of one process on a disk, whichever processes are killed.
 
 use crate::processes::{all_done, alone, end, slow_place};
 use crate::support::nats::Nats;
@@ -16,7 +16,7 @@ use std::time::Duration;
 
 const PREFIX: &str = "runs/mine";
 
-/// Starts a coordinator or a worker. `run` need not exist for a worker.
+/// Starts a coordinator or a worker. The folder `run` need not exist if the bucket has the run.
 fn start(verb: &str, run: &Path, queue: &Nats, bucket: &S3Server, more: &[&str]) -> Child {
     let url = queue.url();
     let mut arguments = vec![verb, text(run), "--queue", &url, "--lease-s", "2"];
@@ -35,7 +35,7 @@ fn coordinator(place: &Place, queue: &Nats, bucket: &S3Server) -> Child {
     child
 }
 
-/// Starts a worker with its own folder, which does not exist yet.
+/// Starts a worker with its own folder, which need not exist.
 fn worker(place: &Place, name: &str, queue: &Nats, bucket: &S3Server, more: &[&str]) -> Child {
     let run = place.folder.path().join(name);
     let mut all = vec!["-j", "1"];
@@ -43,7 +43,7 @@ fn worker(place: &Place, name: &str, queue: &Nats, bucket: &S3Server, more: &[&s
     start("work", &run, queue, bucket, &all)
 }
 
-/// Copies the tuples of a store to a folder.
+/// Copies the tuples of a store to a folder, and decodes them.
 pub(crate) fn fetched(store: &Store, to: &Path) -> Tuples {
     let keys = store.list("tuples").unwrap();
     for (key, bytes) in keys.iter().zip(store.get_all(&keys).unwrap()) {
@@ -80,7 +80,7 @@ fn workers_need_only_the_bucket_and_the_queue() {
     let store = bucket.store(PREFIX);
     assert_same(&fetched(&store, &place.folder.path().join("found")), reference());
     assert_finished(&store);
-    // Workers write only manifest, spec and cache to their folders, and nothing to the coordinator's.
+    // The tuples are neither in the coordinator's folder nor in the workers' folders.
     assert!(!place.run.join("tuples").exists());
     assert!(!place.folder.path().join("a/tuples").exists());
     // Another coordinator, on a machine that has only the bucket, finds that the run is done.
@@ -88,8 +88,8 @@ fn workers_need_only_the_bucket_and_the_queue() {
     end(start("coordinate", &other, &queue, &bucket, &[])).expect(0);
 }
 
-/// 12 % of the requests to the bucket fail, the bucket is unreachable for 3 s, workers, coordinator and queue are
-/// killed, and the queue loses its messages.
+/// 12 % of the requests to the bucket are faulty, and the bucket is unreachable for 3 s. Workers, the coordinator and
+/// the queue's server are killed, and the queue loses its messages.
 #[test]
 fn eight_workers_under_all_faults_make_the_tuples_of_one_process() {
     let Some(mut queue) = Nats::start() else {
@@ -114,7 +114,7 @@ fn eight_workers_under_all_faults_make_the_tuples_of_one_process() {
     let second = coordinator(&place, &queue, &bucket);
     let before = results(&store);
     let is_over = || store.get("finished.json").unwrap().is_some();
-    wait_for("more", || results(&store) > before + 4 || is_over());
+    wait_for("another result", || results(&store) > before + 4 || is_over());
     queue.kill_and_restart(true);
     bucket.faults.set_away(true);
     std::thread::sleep(Duration::from_secs(3));

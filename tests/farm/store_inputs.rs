@@ -1,4 +1,4 @@
-//! Photographs in a bucket yield the same scenes and pixels as in a folder, and each object is fetched once.
+//! Photographs in a bucket yield the same scenes and pixels as in a folder, and a cache avoids repeated fetches.
 
 use crate::support::moto::Moto;
 use crate::support::outputs::{assert_same, files, tuples};
@@ -84,7 +84,7 @@ fn a_bucket_of_photographs_makes_the_same_tuples_as_a_folder() {
     assert_same(&tuples(&there), &tuples(&here));
     let cached = files(&there.join("cache"));
     assert!(cached.len() >= 6, "{cached:?}");
-    // A second run reads the cache, except for a damaged entry; `--root` may be repeated.
+    // A second run reads the cache, except for a damaged entry; `--root` may be given again.
     let file = there.join("cache").join(&cached[0]);
     let mut bytes = std::fs::read(&file).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
@@ -102,7 +102,7 @@ fn a_bucket_of_photographs_makes_the_same_tuples_as_a_folder() {
 }
 
 #[test]
-fn a_missing_photograph_quarantines_its_scenes_and_an_unreachable_bucket_none() {
+fn a_missing_photograph_quarantines_its_scenes_but_an_unreachable_bucket_does_not() {
     let both = Both::new(22);
     let run = both.path("run");
     both.plan(&run, "s3://bucket/diode");
@@ -132,7 +132,7 @@ fn plan_reports_truncated_objects_and_leaves_them_out_if_asked() {
     let whole = both.path("whole");
     both.plan(&whole, "s3://bucket/diode");
     let whole = Run::open(&whole, &Roots::default()).unwrap();
-    // Depth images of two photographs in scenes.
+    // The test damages the depth images of two photographs that scenes use.
     let mut depths: Vec<String> = Vec::new();
     for side in whole.lines.iter().map(|line| &line.front) {
         let depth = side.photograph().unwrap().depth.clone();
@@ -159,7 +159,7 @@ fn plan_reports_truncated_objects_and_leaves_them_out_if_asked() {
     let planned = both.run(&[&arguments[..], &["--skip-invalid"]].concat());
     let planned = planned.expect(0).json();
     assert_eq!(planned["scenes"], 3);
-    // At least four photographs have a depth image and a mask of 12,416 bytes, and a PNG.
+    // At least four photographs have a PNG, and a depth image and a mask of 12,416 bytes each.
     assert!(planned["input_bytes"].as_u64().unwrap() > 4 * 2 * 12_416);
 }
 
@@ -174,7 +174,7 @@ fn an_object_is_fetched_again_only_when_it_changed() {
     let inputs = Inputs::new(server.options(), Some(cache));
     let url = Path::new("s3://bucket/x/./a");
     assert_eq!(inputs.read(url).unwrap(), b"one");
-    // While the store's ETag is the same, the cache returns its entry, even one that is forged here.
+    // While the object's ETag is the same, the cache returns its entry, although the test has forged it.
     let file = folder.path().join("cache").join(&files(&folder.path().join("cache"))[0]);
     let text = String::from_utf8(std::fs::read(&file).unwrap()).unwrap();
     let digest = |bytes: &[u8]| blake3::hash(bytes).to_hex().to_string();

@@ -1,5 +1,5 @@
-//! A bucket over TLS, with a private certificate authority: the program chooses its TLS provider before the first
-//! connection, and trusts only the named authorities.
+//! Tests a bucket over TLS with a private certificate authority: the program chooses its TLS provider before the first
+//! connection, and trusts the authority only if `SSL_CERT_FILE` names it.
 
 use crate::support::moto::Moto;
 use crate::support::program::{Ended, command, text};

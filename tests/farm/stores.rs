@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 /// Number of objects in a large listing, more than one page of S3.
 const MANY: usize = 1100;
 
-/// Runs a test on a disk, on S3 and on S3 with faults in 15 of 100 requests.
+/// Runs a test on a disk, on S3 with and without a prefix, and on S3 with faults in 15 % of the requests.
 fn on_all_stores(test: impl Fn(&str, &Store)) {
     let folder = tempfile::tempdir().unwrap();
     test("disk", &Store::local(folder.path()).unwrap());
@@ -78,7 +78,7 @@ fn a_put_is_repeated_if_its_file_is_removed() {
 fn many_objects_can_be_listed_and_removed() {
     on_all_stores(|name, store| {
         assert_eq!(store.list("partials").unwrap(), [""; 0], "{name}");
-        // Faults cost seconds, so with them one page is enough.
+        // Retries after faults take seconds, so with faults the listing has less than a page.
         let many = if name.contains("faults") { 100 } else { MANY };
         let keys: Vec<String> = (0..many).map(|k| format!("partials/s/{k:06}.exr")).collect();
         let objects = keys.iter().map(|k| (k.clone(), k.clone().into()));

@@ -1,4 +1,4 @@
-//! With the token, the buttons of the status page have the effects of the commands.
+//! With the token, the requests of the status page's buttons have the effects of the commands.
 
 use crate::processes::{end, slow_place, start};
 use crate::serve_run::{get, request};

@@ -57,7 +57,7 @@ fn a_slow_writer_blocks_the_compute_threads() {
     }
 }
 
-/// Scenes of one shard have no partials, so that the limit on the size of files stops the writer at a tuple.
+/// Scenes of one shard have no partials, so the limit on the size of files stops the writer at a tuple.
 #[test]
 fn a_disk_too_full_for_a_tuple_exits_with_1_and_the_run_can_be_resumed() {
     let place = place();
@@ -125,7 +125,7 @@ fn a_begun_shard_is_finished_after_a_stop() {
             };
             work(&opened, &options, &on_event).unwrap()
         });
-        // Traced shards are in the tuple, and no part of a shard is in the store.
+        // Every traced shard is in a tuple, and the store has no part of a shard.
         assert_eq!(outcome.merged, outcome.traced);
         assert_eq!(outcome.already_merged, merged);
         merged += outcome.merged;

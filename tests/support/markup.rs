@@ -3,7 +3,7 @@
 use scraper::{ElementRef, Html, Selector};
 use std::collections::BTreeSet;
 
-/// Parses a page that must be well-formed and self-contained, and have a language and a title.
+/// Parses a page; panics at errors, external resources, equal ids, dead links, and a missing language, title or label.
 #[track_caller]
 pub(crate) fn strictly(page: &str) -> Html {
     let html = Html::parse_document(page);
@@ -33,12 +33,12 @@ pub(crate) fn strictly(page: &str) -> Html {
     html
 }
 
-/// Returns all elements of a selector.
+/// Returns all elements that match a selector.
 pub(crate) fn all<'a>(html: &'a Html, selector: &str) -> Vec<ElementRef<'a>> {
     html.select(&Selector::parse(selector).unwrap()).collect()
 }
 
-/// Returns the only element of a selector.
+/// Returns the only element that matches a selector.
 #[track_caller]
 pub(crate) fn one<'a>(html: &'a Html, selector: &str) -> ElementRef<'a> {
     let found = all(html, selector);
@@ -51,7 +51,7 @@ pub(crate) fn words(element: ElementRef) -> String {
     element.text().collect()
 }
 
-/// Returns the exact values of the numbers inside an element.
+/// Returns the exact numbers in the `data` elements inside an element.
 pub(crate) fn values(element: ElementRef) -> Vec<f64> {
     let data = Selector::parse("data").unwrap();
     let values = element.select(&data);

@@ -1,4 +1,4 @@
-//! Support for several test binaries: runs the program, makes inputs, decodes outputs, and starts servers.
+//! Runs the program, makes inputs, decodes outputs, and starts servers for several test binaries.
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 
 pub(crate) mod browser;

@@ -15,14 +15,14 @@ pub(crate) struct Moto {
 }
 
 impl Moto {
-    /// Starts a server with an empty bucket; returns `None`, and prints a note, if moto is not installed.
+    /// Starts a server with an empty bucket; returns `None`, and prints a note, if moto does not start.
     pub(crate) fn start() -> Option<Self> {
         let server = Self::spawn("http", &[])?;
         server.make_bucket();
         Some(server)
     }
 
-    /// Starts a server with TLS, with `cert.pem` and `key.pem` of a folder, and without a bucket.
+    /// Starts a TLS server without a bucket, with the certificate in `keys`; returns `None` like [`Self::start`].
     pub(crate) fn start_tls(keys: &Path) -> Option<Self> {
         let (certificate, key) = (keys.join("cert.pem"), keys.join("key.pem"));
         Self::spawn("https", &["-s", "-c", text(&certificate), "-k", text(&key)])
@@ -41,7 +41,7 @@ impl Moto {
         Some(Self { _server: server, endpoint: format!("{scheme}://localhost:{port}") })
     }
 
-    /// Makes the bucket with an unsigned request, because moto accepts any or no signature.
+    /// Makes the bucket with an unsigned request, which moto accepts.
     fn make_bucket(&self) {
         use std::io::{Read, Write};
         let address = self.endpoint.trim_start_matches("http://");

@@ -66,7 +66,7 @@ pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Copies all files of a folder to another one, and creates it if necessary.
+/// Copies all files below a folder to another folder, and creates missing folders.
 pub(crate) fn copy_folder(from: &Path, to: &Path) {
     for file in files(from) {
         let copy = to.join(&file);
@@ -117,7 +117,7 @@ pub(crate) fn tuples(run: &Path) -> Tuples {
     files(&folder).into_iter().map(decode).collect()
 }
 
-/// Asserts that two sets of tuples are equal; otherwise names the first file that differs.
+/// Asserts that two sets of tuples are equal and not empty; names the first file with other content.
 #[track_caller]
 pub(crate) fn assert_same(found: &Tuples, expected: &Tuples) {
     assert!(!expected.is_empty());

@@ -1,4 +1,4 @@
-//! Runs the program.
+//! Runs the program, and checks its exit code and output.
 
 use serde_json::Value;
 use std::ffi::OsStr;
@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// Path of the program.
+/// Path of the `glasshouse` binary under test.
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_glasshouse");
 
 /// Makes a command that runs the program with `arguments` and pipes its output. The program writes each partial at
@@ -49,7 +49,7 @@ impl Ended {
         self
     }
 
-    /// Asserts that the error output has all these words.
+    /// Asserts that stderr contains all `words`.
     #[track_caller]
     pub(crate) fn says(self, words: &[&str]) -> Self {
         for word in words {
@@ -58,7 +58,7 @@ impl Ended {
         self
     }
 
-    /// Parses stdout, which is one JSON object with `--json`.
+    /// Parses the output of `--json`, and asserts that it is one JSON object with a schema.
     #[track_caller]
     pub(crate) fn json(&self) -> Value {
         let value: Value = serde_json::from_str(&self.stdout)
@@ -91,7 +91,7 @@ pub(crate) fn send(child: &Child, signal: &str) {
     assert!(status.unwrap().success());
 }
 
-/// Time limit of a process, which only a stalled process exceeds, even on a busy machine.
+/// Time limit of a wait, which only a stalled process exceeds, even on a busy machine.
 pub(crate) const LONGEST: Duration = Duration::from_mins(5);
 
 /// Waits until `is_so` returns true or the child ends. Returns false if the child ended.
@@ -102,13 +102,13 @@ pub(crate) fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) -> 
             return true;
         }
         assert!(start.elapsed() < LONGEST, "the child makes no progress");
-        // Polls, because new files are the only sign of progress.
+        // Polls, because most conditions depend on files that the child writes.
         std::thread::sleep(Duration::from_millis(1));
     }
     false
 }
 
-/// Returns a random number below `n`, which differs between test runs, so that tests log it.
+/// Returns a random number below `n`. It differs between test runs, so tests log its effect.
 pub(crate) fn random(n: usize) -> usize {
     (RandomState::new().hash_one(0) % n as u64) as usize
 }

@@ -26,14 +26,14 @@ const SECRET: &str = "hushhushhush";
 #[derive(Default)]
 pub(crate) struct Faults {
     seed: u64,
-    /// Number of faulty requests among 1,000.
+    /// Expected number of faulty requests among 1,000.
     per_mille: AtomicU32,
     /// True while the connection of every request ends without a response.
     away: AtomicBool,
     requests: AtomicU64,
-    /// A conditional put holds this lock.
+    /// A lock that a conditional request holds.
     creating: tokio::sync::Mutex<()>,
-    /// Number of injected faults of each kind.
+    /// Number of random faults of each kind, in the order of [`FAULTS`].
     pub(crate) happened: [AtomicU64; 6],
 }
 

@@ -14,7 +14,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 use tempfile::TempDir;
 
-/// A recipe of four scenes of 96 x 64 px, which is neither square nor a whole number of tiles of 64 or 100 px.
+/// A recipe of four scenes of 96 x 64 px, a size that is neither square nor a whole number of tiles of 64 or 100 px.
 pub(crate) const RECIPE: &str = r#"
 schema = "glasshouse.recipe/1"
 name = "small"
@@ -41,7 +41,7 @@ pub(crate) const SCENES: usize = 4;
 /// Number of shards of one scene with tiles of 16 px.
 pub(crate) const SHARDS: usize = 24;
 
-/// A folder that contains the recipe and gets a run.
+/// A temporary folder, and the paths of the recipe and the run in it.
 pub(crate) struct Place {
     pub(crate) folder: TempDir,
     pub(crate) recipe: PathBuf,
@@ -83,7 +83,7 @@ pub(crate) fn reference() -> &'static Tuples {
     })
 }
 
-/// Traces all partials of one scene of a planned run with the library.
+/// Traces all shards of a scene of a planned run with the library; returns its id and its partials.
 pub(crate) fn partials(run: &Path, scene: usize) -> (String, Vec<Partial>) {
     let run = Run::open(run, &Roots::default()).unwrap();
     let line = &run.lines[scene];

@@ -1,4 +1,4 @@
-//! Runs other programs if they are installed, and ends them with their test.
+//! Runs other programs if they are installed, and kills servers at the end of their test.
 
 use super::program::LONGEST;
 use std::net::{TcpListener, TcpStream};
@@ -16,7 +16,7 @@ impl Daemon {
         installed(command.stderr(Stdio::null()).spawn(), command).map(Self)
     }
 
-    /// Starts a server, and returns it with its stderr.
+    /// Starts a server, and returns it with its stderr; returns `None`, and prints a note, if it is not installed.
     pub(crate) fn start_and_hear(command: &mut Command) -> Option<(Self, ChildStderr)> {
         command.stdin(Stdio::null()).stderr(Stdio::piped());
         let mut child = installed(command.spawn(), command)?;
@@ -66,7 +66,7 @@ pub(crate) fn content(output: &Output) {
     );
 }
 
-/// Waits up to [`LONGEST`] until `is_so` returns true; `what` names the event.
+/// Waits until `is_so` returns true; panics after [`LONGEST`] with `what`, the name of the event.
 #[track_caller]
 pub(crate) fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
     let start = Instant::now();
@@ -87,7 +87,7 @@ pub(crate) fn listens(port: u16) -> bool {
     TcpStream::connect(("127.0.0.1", port)).is_ok()
 }
 
-/// Makes keys and certificates of all roles for host names with the shipped script; `None` if a tool is missing.
+/// Makes all keys and a server certificate for `names` with the shipped script; returns `None` if a tool is missing.
 pub(crate) fn make_keys(folder: &Path, names: &[&str]) -> Option<()> {
     tool(Command::new("base32").arg("--version"))?;
     tool(Command::new("openssl").arg("version"))?;

@@ -13,7 +13,7 @@ fn merged() -> Place {
     place
 }
 
-/// Trains both stages for four steps.
+/// Trains both stages for four steps each.
 fn train(place: &Place) {
     let more = "--width 4 --crop 32 --discriminator-width 2 -q";
     for stage in ["backtrack", "separation"] {
@@ -143,7 +143,7 @@ fn missing_and_damaged_tuples_are_listed() {
     ]);
     let json = ended.json();
     assert_eq!(json["images"], 2);
-    // The fit of the gain also leaves out the damaged tuple.
+    // The fit of the gain leaves out these tuples, too.
     assert_eq!(json["gain"]["images"], 1);
     assert_eq!(json["left_out"].as_array().unwrap().len(), 3);
     std::fs::remove_dir_all(&test[0]).unwrap();
@@ -160,7 +160,7 @@ fn picture(width: u32, height: u32) -> RgbImage {
     })
 }
 
-/// Encodes a JPEG with an Exif orientation that rotates it clockwise.
+/// Encodes a JPEG with an Exif orientation that rotates the picture by 90 degrees clockwise.
 fn turned_jpeg(picture: &RgbImage) -> Vec<u8> {
     let (width, height) = picture.dimensions();
     let mut bytes = Vec::new();
@@ -217,7 +217,7 @@ fn photographs_are_separated() {
     }
     assert_eq!(std::fs::read_dir(file("one")).unwrap().count(), 6);
 
-    // A run without tiles makes nearly the same picture.
+    // A separation with larger tiles makes nearly the same picture.
     let whole = file("whole");
     run(&["separate", text(&place.run), text(&images[0]), "--out", text(&whole), "-q"]).expect(0);
     let near_db =
@@ -264,7 +264,7 @@ fn impossible_separations_are_refused() {
     separate(&backtrack, &[text(&image)], &out).expect(4).says(&["BT-net alone"]);
     assert!(!out.exists());
 
-    // A damaged checkpoint is refused, and an older checkpoint of the stage replaces it.
+    // A damaged checkpoint is refused if named; for the run's folder, an older checkpoint of the stage replaces it.
     let stage = place.run.join("train/separation");
     run(&["train", run_folder, "--stage", "separation", "--steps", "6", "-q"]).expect(0);
     let newest = stage.join("step-0000006");
@@ -297,7 +297,7 @@ fn published_pairs_are_scored() {
     assert_eq!(csv.lines().count(), 1 + 37);
     assert_eq!(csv.lines().filter(|line| line.contains(",no,")).count(), beside);
     assert!(read("evaluation.md").contains("Means without them:"));
-    // The table names folders of pictures without a truth.
+    // `evaluation.md` also names folders of pictures without ground truth.
     assert!(read("evaluation.md").contains("ceilnet_real_inputs_only"));
 
     let place = merged();
@@ -315,7 +315,7 @@ fn published_pairs_are_scored() {
         let was = image::open(image).unwrap();
         assert_eq!((made.width(), made.height()), (was.width(), was.height()));
     }
-    // Scores pairs with the gain of a run's train scenes.
+    // The input's gain can come from a run's train scenes.
     let pairs = root.join("kim2020");
     let more = ["--fit-gain", text(&place.run), "--checkpoint", text(&place.run), "--json"];
     let json =

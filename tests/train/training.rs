@@ -31,10 +31,10 @@ name = "test"
 pairs = { sample = 2 }
 "#;
 
-/// Options for the smallest networks.
+/// Options for small networks and crops.
 const SMALL: [&str; 6] = ["--width", "4", "--crop", "40", "--discriminator-width", "2"];
 
-/// Returns the folder of a finished run, rendered once.
+/// Returns a folder that contains a finished run, rendered once.
 fn made() -> &'static Path {
     static MADE: OnceLock<TempDir> = OnceLock::new();
     let folder = MADE.get_or_init(|| {
@@ -269,7 +269,7 @@ fn errors_name_a_damaged_tuple() {
         std::fs::write(&path, bytes).unwrap();
     }
     run(&place.arguments("backtrack", "9", &[])).expect(1).says(&["tuple.exr", "audit"]);
-    // Another copy has intact 8-bit files.
+    // Training can also read the 8-bit files.
     let other = self::place();
     other.train("backtrack", "2", &small(&["--pixels", "png"]));
 }
@@ -315,7 +315,7 @@ fn mixtures_of_photographs_and_real_pairs_are_examples() {
     let ended = place.train("separation", "6", &more);
     assert_eq!(ended["real_pairs"].as_u64(), Some(scenes.len() as u64));
     let csv = std::fs::read_to_string(place.run.join("train/separation/metrics.csv")).unwrap();
-    // A real pair has only T, so that every other line has no loss of R~.
+    // A real pair has only T, so every other line has no loss of R~.
     let known: Vec<bool> =
         csv.lines().skip(1).map(|l| !l.split(',').nth(4).unwrap().is_empty()).collect();
     assert_eq!(known.iter().filter(|k| **k).count(), 3, "{csv}");
@@ -327,7 +327,7 @@ fn mixtures_of_photographs_and_real_pairs_are_examples() {
 }
 
 #[test]
-fn features_are_random_or_from_a_file_and_both_are_recorded() {
+fn features_are_random_or_from_a_file_with_a_recorded_digest() {
     let weights = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/train/step.safetensors");
     let place = place();
     let file = ["--features", text(&weights), "--vgg-divisor", "32"];

@@ -47,7 +47,7 @@ fn lines_of_text(place: &str, text: &str) -> Vec<Line> {
     found
 }
 
-/// Adds the command lines in a document's `args` and `command`s to `found`.
+/// Adds the `work` and `coordinate` lines of a document's `args` and `command` keys to `found`.
 fn lines_of_yaml(place: &str, value: &Yaml, found: &mut Vec<Line>) {
     match value {
         Yaml::Hash(map) => {
@@ -118,7 +118,7 @@ fn flags(command: &str) -> Option<BTreeSet<String>> {
     (help.code == Some(0)).then(|| flags.collect())
 }
 
-/// Returns the flag of `--name=value`, `-j4` or `[--store`.
+/// Returns the flag of a word such as `--name=value`, `-j4` or `[--store`; `None` for other words.
 fn flag(word: &str) -> Option<&str> {
     let word = word.trim_start_matches('[');
     if let Some(long) = word.strip_prefix("--") {
@@ -154,7 +154,7 @@ fn command_lines_are_found_in_texts() {
     let found = lines_of_text("", text);
     let words: Vec<Vec<&str>> =
         found.iter().map(|l| l.words.iter().map(String::as_str).collect()).collect();
-    // `x=$(glasshouse` is not the word `glasshouse`, so that the first line has no command.
+    // `x=$(glasshouse` is not the word `glasshouse`, so no command is found in the first line.
     assert_eq!(words, [["status", "R", "--json"]]);
     let found = lines_of_text("", "    exec glasshouse work r --queue q -j4 & # --no\n");
     assert_eq!(found[0].words, ["work", "r", "--queue", "q", "-j4"]);

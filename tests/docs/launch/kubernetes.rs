@@ -1,4 +1,4 @@
-//! Kubernetes and compose: no process runs as root, and workers have time to requeue their tasks.
+//! Checks the Kubernetes and compose files: no process runs as root, and workers have time to requeue their tasks.
 
 use super::launch;
 use super::yaml::{argument, at, documents, strings};
@@ -67,7 +67,7 @@ fn mounted_volumes_exist_and_secrets_are_read_only() {
             assert!(found.is_some() || is_claim, "{name} has no volume {volume}");
             if let Some(secret) = found.and_then(|v| at(v, "secret.secretName").as_str()) {
                 assert_eq!(mount["readOnly"].as_bool(), Some(true), "{name}: {volume}");
-                // make-keys.sh makes a folder for each of these roles.
+                // make-keys.sh makes a folder with each of these names.
                 let role = secret.strip_prefix("glasshouse-").unwrap();
                 assert!(["server", "coordinator", "worker"].contains(&role));
             }
@@ -116,7 +116,7 @@ fn workers_are_an_indexed_job_with_time_to_requeue() {
     assert_eq!(cpu, Some(threads));
 }
 
-/// A worker refuses a queue if its own lease duration differs from the queue's.
+/// A worker refuses a queue with a lease duration other than its own.
 #[test]
 fn coordinator_and_workers_agree() {
     let (one, other) = (words("glasshouse-coordinator"), words("glasshouse-workers"));

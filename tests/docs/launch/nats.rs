@@ -1,4 +1,4 @@
-//! The key script makes keys for the queue's server, and the configuration starts a server that requires TLS and a key.
+//! The key script makes keys for the queue's server, and the shipped configuration requires TLS and a key.
 
 use super::launch;
 use crate::support::nats::SecureNats;
@@ -113,7 +113,7 @@ fn only_the_owner_can_read_keys() {
         }
         assert_eq!(role.metadata().unwrap().permissions().mode() & 0o077, 0);
     }
-    // Only the authority's folder has the authority's key, and no folder has temporary files of openssl.
+    // The roles' folders have neither the authority's key nor temporary files of openssl.
     for role in ROLES {
         let files = std::fs::read_dir(keys.join(role)).unwrap();
         let mut names: Vec<_> = files.map(|f| f.unwrap().file_name()).collect();

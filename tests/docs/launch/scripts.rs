@@ -22,7 +22,7 @@ fn shellcheck_finds_no_problem() {
     }
 }
 
-/// Scripts without arguments print their usage and do nothing.
+/// Scripts that are called without arguments print their usage and exit with 2.
 #[test]
 fn scripts_print_their_usage() {
     for script in launch_files(&[".sh"]) {

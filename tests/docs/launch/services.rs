@@ -7,7 +7,7 @@ use std::process::Command;
 
 #[test]
 fn systemd_accepts_the_units() {
-    // `systemd-analyze` requires existing programs, so copies of the units name one.
+    // `systemd-analyze` requires existing programs, so copies of the units name the tested program.
     let folder = tempfile::tempdir().unwrap();
     let mut copies = Vec::new();
     for unit in launch_files(&[".service"]) {

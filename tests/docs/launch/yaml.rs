@@ -3,7 +3,7 @@
 use std::path::Path;
 use yaml_rust2::{Yaml, YamlLoader};
 
-/// Reads the documents of a file.
+/// Reads the YAML documents of a file.
 pub(crate) fn documents(path: &Path) -> Vec<Yaml> {
     let text = std::fs::read_to_string(path).unwrap();
     let found =
