@@ -22,7 +22,7 @@ pub(super) struct Global {
     /// Print no progress and no notes
     #[arg(short, long, global = true)]
     pub(super) quiet: bool,
-    /// Print details: rejected partials, time by stage
+    /// Print details, such as rejected partials and time by stage
     #[arg(short, long, global = true)]
     pub(super) verbose: bool,
     /// Print what the command would do, and write nothing
@@ -55,7 +55,7 @@ pub(super) enum ProgressHow {
     Auto,
     /// Progress bars.
     Bar,
-    /// A line every few seconds.
+    /// A line at most every ten seconds.
     Plain,
     /// No progress messages.
     None,
@@ -93,7 +93,7 @@ pub(super) fn typed(value: &impl ValueEnum) -> String {
     name.map_or_else(String::new, |name| name.get_name().to_owned())
 }
 
-/// Folders of named roots.
+/// Folders or addresses of named roots.
 #[derive(Clone, Debug, ClapArgs)]
 pub(super) struct RootArgs {
     /// Folder of a named root, or s3://BUCKET/PREFIX; repeatable
@@ -195,7 +195,7 @@ pub(super) struct ServerArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum SplitName {
-    /// Scenes that training does not use.
+    /// Scenes on which networks are not trained.
     Test,
     /// Scenes for training.
     Train,

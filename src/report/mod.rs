@@ -1,4 +1,4 @@
-//! Writes the report: one self-contained HTML page that opens from any disk and can be attached to a mail.
+//! Writes the report: one self-contained HTML page that opens from any disk and can be attached to an e-mail.
 //!
 //! `survey` reads the run's store once; each section has a file (`glance`, `sheet`, `errors`, `seconds`, `parameters`,
 //! `quarantine`, `training`, `evaluation`); `page` joins them. A half-finished run has a report, too. The report names

@@ -23,7 +23,7 @@ pub enum Action {
 pub(super) struct Token(blake3::Hash);
 
 impl Token {
-    /// Returns `None` if the text is too short.
+    /// Creates a token; returns `None` if the text is too short.
     pub(super) fn new(text: &str) -> Option<Self> {
         (text.chars().count() >= MIN_TOKEN_CHARACTERS).then(|| Self(blake3::hash(text.as_bytes())))
     }

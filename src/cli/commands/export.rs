@@ -26,7 +26,7 @@ pub(super) struct ExportArgs {
     /// Format of the data set
     #[arg(long, value_enum)]
     format: FormatName,
-    /// Folder of the export: a new one, or one with an unfinished export of the same kind
+    /// Folder of the export: a new or empty one, or one with an export of the same kind, which resumes
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Pixel encoding [default: srgb8; for exr: linear]

@@ -266,7 +266,7 @@ pub(super) fn training_of<'a>(
     }
 }
 
-/// Trains a stage, with progress and signals.
+/// Trains a stage; shows its progress and stops on a signal.
 pub(super) fn train(
     training: Training,
     global: &Global,
@@ -309,7 +309,7 @@ fn bytes_of_gb(gb: f64) -> usize {
     (gb.max(0.0) * 1e9) as usize
 }
 
-/// Shows the progress of training.
+/// Watcher that prints the progress of training.
 struct Watch<'a> {
     global: &'a Global,
     output: &'a Output,

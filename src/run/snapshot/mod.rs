@@ -1,5 +1,5 @@
-//! Progress of a run: finished scenes, their workers, and the rate. A snapshot comes from the store; a refresh reads
-//! only new objects. `status`, the page, metrics, the report, the coordinator and exit codes all use snapshots.
+//! Progress of a run: finished scenes, their workers, and the rate. A snapshot comes from the store; a refresh lists
+//! the keys and reads new objects. `status`, page, metrics, report, coordinator and exit codes all use snapshots.
 //!
 //! `state` defines the states, `refresh` reads the store, `status` computes the numbers.
 
@@ -20,11 +20,12 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
-/// Objects that a snapshot reads in addition to tuples and quarantine records.
+/// Objects that a snapshot covers in addition to the lists of tuples and receipts and the quarantine records.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Scope {
     /// Record of each tuple, to check that the tuple belongs to this manifest and this version of the tracer. In local
-    /// stores, where reading is cheap, snapshots always check it; in others, they may only check that all files exist.
+    /// stores, where reading is cheap, snapshots always check it; in others, [`Snapshot::refresh`] checks it only
+    /// with this flag.
     pub records: bool,
     pub partials: bool,
     /// Records of attempts and provenance.
@@ -76,7 +77,7 @@ struct Scene {
 
 #[derive(Clone, Copy, Debug)]
 pub struct SeenTuple {
-    /// Index of its scene in the manifest.
+    /// Index of the tuple's scene in the manifest.
     pub scene: usize,
     /// Time when this process first saw the tuple; `None` if the first refresh found it.
     pub seen: Option<Instant>,
@@ -164,7 +165,7 @@ impl Snapshot {
         self.plan.shards[index]
     }
 
-    /// Returns the provenance of the scene's tuple, if the scope includes workers.
+    /// Returns the provenance of the scene's tuple, if it has one and the scope includes workers.
     pub fn provenance(&self, index: usize) -> Option<&Provenance> {
         self.scenes[index].provenance.as_deref()
     }

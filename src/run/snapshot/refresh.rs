@@ -19,7 +19,7 @@ impl Snapshot {
     /// Lists all keys in the scope and reads new objects.
     pub fn refresh(&mut self, run: &Run, store: &Store) -> Result<(), StoreError> {
         self.control = Control::get(store)?;
-        // Attempts come first: a scene that is finished meanwhile drops its attempt, and no attempt is missed.
+        // Attempts come first: if a scene finishes meanwhile, the later list of tuples hides its attempts.
         self.refresh_attempts(store)?;
         self.refresh_receipts(store)?;
         self.refresh_tuples(run, store)?;
@@ -89,7 +89,7 @@ impl Snapshot {
         self.tuples.push(SeenTuple { scene, seen: is_new.then(Instant::now), put });
     }
 
-    /// Lists receipts and reads new ones. Returns true if a receipt has disappeared.
+    /// Lists receipts and, if the scope includes workers, reads new ones. Returns true if a receipt has disappeared.
     fn refresh_receipts(&mut self, store: &Store) -> Result<bool, StoreError> {
         let mut listed = vec![None; self.scenes.len()];
         for (key, put) in store.list_times(keys::RECEIPTS)? {
