@@ -83,7 +83,7 @@ impl Children<'_> {
         }
         // A backtrace would displace the messages that name the cause.
         command.env("RUST_BACKTRACE", "0");
-        // The environment hides a password in a URL from other users, because they can see command lines.
+        // A URL may contain a password, and other users can see command lines but not the environment.
         command.env_remove("GLASSHOUSE_QUEUE").env_remove("GLASSHOUSE_STORE");
         if let Some(QueueArgs { queue: Some(url), store, store_patience_s, .. }) = self.queue {
             let patience = store_patience_s.as_secs_f64().to_string();

@@ -5,7 +5,7 @@ use render::layer::PerLayer;
 /// Symbols of the layers in the paper; R~ has a combining tilde.
 pub(crate) const PAPER_SYMBOLS: PerLayer<&str> = PerLayer(["I", "T", "R\u{303}", "R"]);
 
-/// Colours of the layers, from the palette of Okabe and Ito, which the colour-blind can distinguish.
+/// Colours of the layers, from Okabe and Ito's palette for colour-blind readers.
 pub(crate) const LAYER_COLOURS: PerLayer<&str> =
     PerLayer(["#0072B2", "#D55E00", "#009E73", "#CC79A7"]);
 

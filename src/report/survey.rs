@@ -23,7 +23,7 @@ pub(super) struct Survey {
     pub(super) damaged_logs: Vec<String>,
 }
 
-/// A scene with a tuple.
+/// A scene with a usable tuple.
 pub(super) struct DoneScene {
     /// Index in the manifest.
     pub(super) index: usize,

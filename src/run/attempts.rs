@@ -20,7 +20,7 @@ pub const ATTEMPT_SCHEMA: &str = "glasshouse.attempt/1";
 /// Number of losses without new partials in between, or of failed reads, that put a scene into quarantine.
 pub const MOST_LOST: u32 = 4;
 
-/// Number of machines with failed reads of a scene's files that puts the scene into quarantine.
+/// Number of machines with failed reads of a scene's files after which the scene goes into quarantine.
 const HOSTS_TO_REFUSE: usize = 2;
 
 /// Content of `attempts/<scene>/<start>-<end>.<n>.json`.

@@ -1,7 +1,7 @@
 //! Traces scenes again, in memory, and compares the results with the run's, bit for bit.
 //!
-//! The golden shard refuses machines that always compute other bits. An audit finds machines that sometimes do so, and
-//! objects that were damaged later; it names the workers of the scenes.
+//! The golden shard reveals machines that always compute other bits. An audit finds machines that sometimes do so, and
+//! objects that were damaged later; it names the workers that made differing scenes.
 
 use super::compare::{FileDifference, compare};
 use super::error::AccessError;

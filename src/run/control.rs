@@ -104,8 +104,8 @@ pub(crate) enum ControlError {
     Cancelled,
 }
 
-/// Pauses, cancels or resumes a run; with `dry_run`, only checks that it can. Returns the earlier state. Setting the
-/// same state again is not an error.
+/// Pauses, cancels or resumes a run; with `dry_run`, only checks that this is possible. Returns the earlier state. Setting
+/// the same state again is not an error.
 pub(crate) fn set_control(
     store: &Store,
     state: ControlState,
@@ -167,7 +167,7 @@ impl ControlFlag {
         self.0.load(Ordering::Relaxed) == state as u8
     }
 
-    /// True if the worker may neither take a task nor open a scene.
+    /// True if the run is paused: the worker may neither take a task nor open a scene.
     pub(crate) fn is_paused(&self) -> bool {
         self.is(ControlState::Paused)
     }

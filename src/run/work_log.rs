@@ -151,7 +151,7 @@ pub(crate) fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), St
 pub enum Stop {
     Asked,
     TimeLimit,
-    /// Too many scenes failed on this worker.
+    /// Too many scenes in a row failed on this worker.
     Drained,
     /// The run was cancelled.
     Cancelled,

@@ -10,7 +10,7 @@ pub const MIN_TOKEN_CHARACTERS: usize = 16;
 pub enum Action {
     /// Lets workers finish their open scenes and start no others.
     Pause,
-    /// Continues after a pause.
+    /// Lets workers take tasks and open scenes again.
     Resume,
     /// Cancels the rest of the run.
     Cancel,

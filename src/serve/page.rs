@@ -53,7 +53,7 @@ pub(super) fn page(view: &FarmView, nonce: &str, can_act: bool) -> String {
     printable(page.into_string())
 }
 
-/// Draws the changing parts of a page: the title, and the element with all content except frame and dialog.
+/// Draws the changing parts of a page: the title, and the element with all content except note, footer and dialog.
 pub(super) fn live(view: &FarmView, can_act: bool) -> String {
     let parts = html! { (title(view)) (changing(view, can_act)) };
     printable(parts.into_string())
@@ -77,7 +77,7 @@ fn changing(view: &FarmView, can_act: bool) -> Markup {
     }
 }
 
-/// Draws the dialog that confirms a button. The token stays in its field, in memory, until the user leaves the page.
+/// Draws the dialog that confirms an action. The token stays in its field, in memory, until the user leaves the page.
 fn dialog() -> Markup {
     html! {
         dialog #ask {

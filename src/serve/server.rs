@@ -45,7 +45,7 @@ pub trait FarmSource: Send + Sync {
 /// The reason why the server cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The address is in use, foreign or forbidden.
+    /// The address is in use, is not one of this machine, or is forbidden.
     #[error(
         "cannot listen on {address}: {source}; choose another address (port 0 picks a free one)"
     )]

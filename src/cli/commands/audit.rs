@@ -114,7 +114,7 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
     })
 }
 
-/// Returns the indices of the scenes to trace again, and the seed that chose them, unless `--scene` names them.
+/// Returns the indices of the scenes to trace again, and the seed that chose them (`None` with `--scene`).
 fn places(
     args: &AuditArgs,
     run: &Run,

@@ -115,7 +115,7 @@ fn dry_run(
     Ok(Exit::Done)
 }
 
-/// Reads the secret for the page's buttons. No argument holds it, because all users of a machine can see command lines.
+/// Reads the secret for the page's buttons from a file or the environment, because other users can see command lines.
 fn token(args: &CoordinateArgs, output: &Output) -> Result<Option<String>, Failure> {
     let Some(path) = &args.token_file else {
         #[allow(clippy::disallowed_methods, reason = "only cli reads the environment")]

@@ -42,7 +42,7 @@ pub(super) struct EvaluateArgs {
     /// Fit the input's gain to pairs of this folder, or to this run's train scenes [default: the run's; for pairs: no gain]
     #[arg(long, value_name = "RUN|DIR")]
     fit_gain: Option<PathBuf>,
-    /// Score only the first N pairs
+    /// Score only the first N pairs or scenes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     limit: Option<u32>,
     #[command(flatten)]
@@ -89,7 +89,7 @@ impl EvaluateArgs {
     }
 }
 
-/// Largest number of printed warnings; the files list all.
+/// Largest number of printed warnings; the evaluation lists all pictures that are left out.
 const WARNINGS: usize = 8;
 
 pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -337,7 +337,7 @@ fn networks(
     Ok(networks)
 }
 
-/// Fits the gain to the pictures of `--fit-gain`, or else to the run's own train scenes. Pairs have no default.
+/// Fits the gain to the pictures of `--fit-gain`, or to the run's own train scenes; pairs alone have no gain.
 fn gain(
     args: &EvaluateArgs,
     own: &Place,

@@ -54,7 +54,7 @@ pub struct Args {
 /// The commands. `--help` lists them in this order.
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Plan, trace, merge and report a recipe on this machine; resumes an unfinished run
+    /// Run all stages of a recipe on this machine, from plan to report; resumes an unfinished run
     #[command(after_help = "Examples:
   glasshouse run manifests/smoke.toml
   glasshouse run manifests/smoke.toml --out runs/again -j 1")]
@@ -73,7 +73,7 @@ enum Command {
   glasshouse plan my.toml --root diode=/data/diode -n --json   # files, bytes, hours
   glasshouse plan my.toml --root diode=/data/diode --skip-invalid --out runs/mine")]
     Plan(plan::PlanArgs),
-    /// Render one scene (a scene file or a tuple.json) to four EXRs and PNGs
+    /// Render one scene (a scene file or a tuple.json) to an EXR and a PNG per layer
     #[command(after_help = "Examples:
   glasshouse render scene.json --out out --spp 1024 -j 2
   glasshouse render runs/smoke/tuples/train-sample-000000/tuple.json --out again")]

@@ -26,7 +26,7 @@ pub(super) struct PlanArgs {
     /// Folder of the run [default: runs/NAME]
     #[arg(long, value_name = "RUN")]
     pub(super) out: Option<PathBuf>,
-    /// Side of a tile, px [default: 64 to 256, so that a shard takes 0.2 s]
+    /// Side of a tile, px [default: 64 to 256, the smallest with shards of 0.2 s]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     pub(super) tile: Option<u32>,
     /// Leave out photographs with unusable files and draw others in their place (for a .jsonl: leave out scenes)

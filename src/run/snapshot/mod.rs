@@ -20,12 +20,11 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
-/// Objects that a snapshot covers in addition to the lists of tuples and receipts and the quarantine records.
+/// Objects that a snapshot covers besides the lists of tuples and receipts, the quarantine records and the control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Scope {
-    /// Record of each tuple, to check that the tuple belongs to this manifest and this version of the tracer. In local
-    /// stores, where reading is cheap, snapshots always check it; in others, [`Snapshot::refresh`] checks it only
-    /// with this flag.
+    /// Record of each tuple, to check that the tuple belongs to this manifest and this version of the tracer. Snapshots
+    /// of local stores, where reading is cheap, always check it.
     pub records: bool,
     pub partials: bool,
     /// Records of attempts and provenance.
@@ -51,7 +50,7 @@ pub struct Snapshot {
     tuples: Vec<SeenTuple>,
     attempts: BTreeMap<String, SeenAttempt>,
     pub control: Control,
-    /// Number of finished shards at each refresh of the last minutes.
+    /// Time of each refresh of the last minutes, and the number of finished shards.
     history: VecDeque<(Instant, u64)>,
 }
 

@@ -29,9 +29,9 @@ impl Snapshot {
         Ok(())
     }
 
-    /// Like [`Self::refresh`], but finds new tuples by listing receipts (one key per scene), which the workers of a
-    /// farm put after the tuple. Returns true if a receipt or a quarantine record has disappeared, so that
-    /// [`Self::refresh`] is due.
+    /// Like [`Self::refresh`], but ignores partials and finds new tuples by listing receipts (one key per scene), which
+    /// the workers of a farm put after the tuple. Returns true if a receipt or a quarantine record has disappeared, so
+    /// that [`Self::refresh`] is due.
     pub fn refresh_news(&mut self, run: &Run, store: &Store) -> Result<bool, StoreError> {
         self.control = Control::get(store)?;
         self.refresh_attempts(store)?;
