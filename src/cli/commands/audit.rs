@@ -1,4 +1,4 @@
-//! `audit RUN`
+//! `audit RUN`: traces scenes again and compares them with the run's files.
 
 use crate::cli::args::{Global, RootArgs, StoreArgs, isa, parse_scene_id, threads};
 use crate::cli::exit_code::{Exit, Failure, failure};

@@ -1,4 +1,4 @@
-//! `coordinate RUN`
+//! `coordinate RUN`: supplies a farm with tasks and serves the status page.
 
 use crate::cli::args::{FARM, Global, QueueArgs};
 use crate::cli::exit_code::{Exit, Failure, failure};

@@ -1,4 +1,4 @@
-//! `doctor [RUN]`
+//! `doctor [RUN]`: checks this machine, a run, a store and a queue.
 
 use crate::cli::args::{FARM, Global, NatsKeys, isa, threads};
 use crate::cli::exit_code::{Exit, Failure};

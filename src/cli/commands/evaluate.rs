@@ -1,4 +1,4 @@
-//! `evaluate RUN|DIR`
+//! `evaluate RUN|DIR`: scores networks and unchanged pictures.
 
 use crate::cli::args::{Global, SplitName};
 use crate::cli::exit_code::{Exit, Failure, failure};

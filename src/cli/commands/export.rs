@@ -1,4 +1,4 @@
-//! `export RUN`
+//! `export RUN`: writes tuples as a data set.
 
 use crate::cli::args::{Global, SplitName, StoreArgs, threads};
 use crate::cli::exit_code::{Exit, Failure, failure};

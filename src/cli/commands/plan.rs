@@ -1,4 +1,4 @@
-//! `plan RECIPE --out RUN`
+//! `plan RECIPE --out RUN`: plans a run and estimates its cost.
 
 use crate::bench::calibrate;
 use crate::cli::args::{Global, RootArgs, isa, threads};

@@ -1,4 +1,4 @@
-//! `render SCENE.json --out DIR`
+//! `render SCENE.json --out DIR`: renders one scene.
 
 use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
 use crate::cli::exit_code::{Exit, Failure, failure};

@@ -1,4 +1,4 @@
-//! `separate CHECKPOINT IMAGES... --out DIR`
+//! `separate CHECKPOINT IMAGES... --out DIR`: removes reflections from photographs.
 
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure, failure};

@@ -1,4 +1,4 @@
-//! `train RUN --stage STAGE --steps S`
+//! `train RUN --stage STAGE --steps S`: trains BT-net or SP-net.
 
 use crate::cli::args::{Global, RootArgs};
 use crate::cli::commands::plan::TRAIN_RECIPE;

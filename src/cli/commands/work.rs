@@ -1,4 +1,4 @@
-//! `work RUN`
+//! `work RUN`: traces and merges scenes, alone, for a farm, or as a worker's child.
 
 use crate::cli::args::{
     CacheArgs, CheckpointArgs, FARM, Global, QueueArgs, RootArgs, isa, parse_duration, threads,

@@ -1,4 +1,4 @@
-//! `bench error`
+//! `bench error`: measures the error of renderings against a reference.
 
 use crate::bench::{
     BenchError, ERROR_SCHEMA, ErrorReport, Ladder, VARIANTS, Work, climb, cpu_name, isa_name,

@@ -1,4 +1,4 @@
-//! `bench trace`
+//! `bench trace`: measures the speed of the tracer on one core.
 
 use crate::bench::{
     BenchScene, BuildRow, KernelRow, RayDump, TracerRow, cpu_name, grid_builds, indoor, isa_name,

@@ -1,4 +1,4 @@
-//! `bench train`
+//! `bench train`: measures a training step.
 
 use crate::bench::{TrainBench, TrainStep, cpu_name, on_cpu};
 use crate::cli::args::Global;
