@@ -104,8 +104,8 @@ pub(crate) enum ControlError {
     Cancelled,
 }
 
-/// Pauses, cancels or resumes a run; with `dry_run`, only checks the request. Returns the earlier state. Setting the same
-/// state again is not an error.
+/// Pauses, cancels or resumes a run; with `dry_run`, only checks the request. Returns the earlier state. Setting the
+/// same state again is not an error.
 pub(crate) fn set_control(
     store: &Store,
     state: ControlState,
