@@ -16,13 +16,13 @@ pub(super) struct Global {
     /// Print the result to stdout as one JSON object with a `schema` field
     #[arg(long, global = true)]
     pub(super) json: bool,
-    /// Number of compute threads; two more threads read and write files [default: number of cores]
+    /// Number of compute threads; a worker has two more for its files [default: number of cores]
     #[arg(short = 'j', long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(super) threads: Option<u16>,
     /// Print no progress and no notes
     #[arg(short, long, global = true)]
     pub(super) quiet: bool,
-    /// Print details: rejected partials, time by stage
+    /// Print details, such as rejected partials and time by stage
     #[arg(short, long, global = true)]
     pub(super) verbose: bool,
     /// Print what the command would do, and write nothing
@@ -43,7 +43,7 @@ pub(super) struct Global {
 pub(super) enum ColorWhen {
     /// Colour on a terminal, unless NO_COLOR is set.
     Auto,
-    /// Colour everywhere.
+    /// Colour, even without a terminal.
     Always,
     /// No colour.
     Never,
@@ -55,7 +55,7 @@ pub(super) enum ProgressHow {
     Auto,
     /// Progress bars.
     Bar,
-    /// A line every few seconds.
+    /// A line at most every ten seconds.
     Plain,
     /// No progress messages.
     None,
@@ -87,13 +87,13 @@ pub(super) fn isa(global: &Global) -> Result<Isa, Failure> {
     }
 }
 
-/// Returns the name of a value on the command line.
+/// Returns the command-line name of a value.
 pub(super) fn typed(value: &impl ValueEnum) -> String {
     let name = value.to_possible_value();
     name.map_or_else(String::new, |name| name.get_name().to_owned())
 }
 
-/// Folders of named roots.
+/// Folders or addresses of named roots.
 #[derive(Clone, Debug, ClapArgs)]
 pub(super) struct RootArgs {
     /// Folder of a named root, or s3://BUCKET/PREFIX; repeatable
@@ -101,10 +101,10 @@ pub(super) struct RootArgs {
     pub(super) roots: Vec<String>,
 }
 
-/// Time between writes of partials.
+/// Longest time between writes of partials.
 #[derive(Clone, Copy, Debug, ClapArgs)]
 pub(super) struct CheckpointArgs {
-    /// Seconds that a scene's partials wait in memory before they are written; a kill loses at most this much work
+    /// Longest time that a scene's partials wait in memory, in seconds; a kill loses them and the shards in flight
     #[arg(long, value_name = "S", default_value = "20", value_parser = parse_duration, env = "GLASSHOUSE_CHECKPOINT_S")]
     pub(super) checkpoint_s: Duration,
 }
@@ -130,7 +130,7 @@ pub(super) struct StoreArgs {
     pub(super) store: Option<String>,
 }
 
-/// Keys for a NATS server.
+/// Keys and certificates for a NATS server.
 #[derive(Clone, Debug, ClapArgs)]
 #[command(next_help_heading = FARM)]
 #[allow(clippy::struct_field_names, reason = "clap derives the flags from the names")]
@@ -195,7 +195,7 @@ pub(super) struct ServerArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum SplitName {
-    /// Scenes that training does not use.
+    /// Scenes on which networks are not trained.
     Test,
     /// Scenes for training.
     Train,
@@ -204,7 +204,7 @@ pub(super) enum SplitName {
 }
 
 impl SplitName {
-    /// Returns the name of the value on the command line.
+    /// Returns the command-line name of the choice.
     #[cfg(feature = "train")]
     pub(super) fn name(self) -> &'static str {
         match self {

@@ -11,17 +11,17 @@ pub enum Exit {
     Failed,
     /// 2: the command line is invalid.
     Usage,
-    /// 3: finished, with scenes in quarantine or missing results.
+    /// 3: finished with scenes in quarantine or missing results, or cancelled.
     Incomplete,
-    /// 4: the recipe, manifest or scene is missing or invalid.
+    /// 4: an input (recipe, manifest, scene, picture, ...) is missing or invalid.
     InvalidInput,
-    /// 5: the run directory disagrees with the recipe, the program's version or the machine.
+    /// 5: an existing run, export or checkpoint disagrees with the command, the program's version or the machine.
     Disagrees,
-    /// 75 (`EX_TEMPFAIL`): not finished, try again (time limit, run in use).
+    /// 75 (`EX_TEMPFAIL`): not finished; a later attempt may succeed (time limit, run in use, store unavailable, ...).
     TryAgain,
     /// 130: interrupted (SIGINT).
     Interrupted,
-    /// 143: terminated (SIGTERM), after the shards in flight.
+    /// 143: terminated (SIGTERM).
     Terminated,
 }
 
@@ -83,7 +83,7 @@ impl Failure {
     }
 }
 
-/// `failure!(exit, "format", ...)` makes a [`Failure`] with this message.
+/// Makes a [`Failure`] with an exit code and a formatted message: `failure!(exit, "format", ...)`.
 macro_rules! failure {
     ($exit:expr, $($text:tt)+) => {
         $crate::cli::exit_code::Failure::new($exit, anyhow::anyhow!($($text)+))

@@ -1,7 +1,7 @@
-//! A worker's child process, which traces a task that an earlier process was lost with.
+//! A worker's child process, which traces a task that was lost with an earlier process.
 //!
 //! The child is `work --only SCENE:A-B` on the same run and store. It prints a line when it renews its lease, a line
-//! with `hung` when it makes no progress, and finally its outcome as JSON.
+//! with `hung` if it makes no progress, and finally its outcome as JSON.
 
 use super::args::{CacheArgs, QueueArgs};
 use crate::farm::{Fault, Sandbox, SandboxEnd};
@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 pub(super) const SIGN: &str = "alive";
 /// Prefix of the line that the child prints before it exits because it hangs.
 pub(super) const HUNG: &str = "hung: ";
-/// Number of last lines to keep of a lost child's messages.
+/// Number of last lines to keep of a child's messages.
 const TAIL_LINES: usize = 20;
 
 /// Shards A to B - 1 of a scene, from the argument `SCENE:A-B`.
@@ -83,7 +83,7 @@ impl Children<'_> {
         }
         // A backtrace would displace the messages that name the cause.
         command.env("RUST_BACKTRACE", "0");
-        // The environment hides a password in a URL from other users: they can see the command line.
+        // A URL may contain a password, and other users can see command lines but not the environment.
         command.env_remove("GLASSHOUSE_QUEUE").env_remove("GLASSHOUSE_STORE");
         if let Some(QueueArgs { queue: Some(url), store, store_patience_s, .. }) = self.queue {
             let patience = store_patience_s.as_secs_f64().to_string();

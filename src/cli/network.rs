@@ -1,4 +1,4 @@
-//! Loads the networks of a checkpoint and their feature network for a command.
+//! Options, device and threads of the networks for a command; loads the networks of a checkpoint.
 
 use super::args::{Global, threads};
 use super::exit_code::{Exit, Failure, failure};
@@ -60,7 +60,7 @@ impl DeviceName {
 /// Builds the thread pool of the networks and returns the number of threads.
 pub(super) fn use_threads(global: &Global) -> usize {
     let threads = threads(global);
-    // Fails on the second call of `run`, because the pool already exists.
+    // Fails on every call after the first in a process, because the pool already exists.
     let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     threads
 }
@@ -81,7 +81,7 @@ pub(super) struct Network {
 /// Choice among a stage's checkpoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Which {
-    /// The best on validation scenes, or the newest if no checkpoint has validation scores.
+    /// The best on validation scenes, or the newest if the best is unknown or unreadable.
     Best,
     /// The newest. Evaluation uses it, because the best was chosen by its score on scenes that evaluation also scores.
     Newest,

@@ -1,4 +1,4 @@
-//! The only place that prints: results to stdout, everything else to stderr.
+//! Prints results to stdout and messages to stderr.
 
 use super::args::{ColorWhen, Global};
 use super::exit_code::{Exit, Failure};
@@ -85,7 +85,7 @@ impl Output {
         }
     }
 
-    /// Prints a line of a result that is not JSON.
+    /// Prints a result, or a line of it, as plain text.
     #[allow(clippy::unused_self, reason = "printing needs an output")]
     pub(super) fn text(&self, text: &str) {
         let _ = writeln!(std::io::stdout().lock(), "{text}");
@@ -102,7 +102,7 @@ impl Output {
         self.line("warning", "33", text);
     }
 
-    /// Prints the error that ends the program; with --json also as the only object on stdout.
+    /// Prints the error that ends the program; with --json also as an object on stdout.
     pub(super) fn error(&self, failure: &Failure) {
         let text = failure.text();
         if self.json {

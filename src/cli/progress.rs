@@ -1,4 +1,4 @@
-//! Progress: bars on a terminal, a plain line every few seconds elsewhere.
+//! Progress: bars on a terminal, a plain line at most every ten seconds elsewhere.
 
 use super::args::{Global, ProgressHow};
 use super::output::Output;
@@ -10,7 +10,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Time between plain lines.
+/// Shortest time between plain lines.
 const PLAIN_EVERY: Duration = Duration::from_secs(10);
 
 pub(super) struct Progress {
@@ -19,7 +19,7 @@ pub(super) struct Progress {
     what: &'static str,
     length: AtomicU64,
     done: AtomicU64,
-    /// Units of `done` that existed before the start.
+    /// Number of units in `done` that existed before the start.
     free: AtomicU64,
     start: Instant,
     /// Scenes with photographs that do not fill the view: share of their paths that miss, and id.
@@ -30,7 +30,7 @@ pub(super) struct Progress {
 const NARROW_SHARE: f64 = 0.1;
 
 impl Progress {
-    /// Starts the display of a progress over `length` units of `what` (shards, photographs).
+    /// Starts a progress display of `length` units (`what`: shards, photographs, ...).
     pub(super) fn new(global: &Global, what: &'static str, length: u64) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let how = match global.progress {

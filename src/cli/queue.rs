@@ -17,7 +17,7 @@ pub(super) fn store(run: &Path, args: &QueueArgs) -> Result<Store, Failure> {
     })
 }
 
-/// Copies the run's spec and manifest to a machine that has only the store.
+/// Copies the run's spec and manifest from the store of `--store` to a machine that has only the store.
 pub(super) fn fetch_run(run: &Path, args: &QueueArgs) -> Result<(), Failure> {
     match &args.store {
         None => Ok(()),
@@ -58,7 +58,7 @@ pub(super) fn coordinator(run: &Run, args: &QueueArgs) -> Result<NatsCoordinator
     Ok(NatsCoordinator::connect(&options, run.id(), args.lease_s)?)
 }
 
-/// Connects to the queue in order to read its state; `None` without a server.
+/// Connects to the queue in order to read its state; returns `None` without `--queue`.
 pub(super) fn observer(run: &Run, args: &ServerArgs) -> Result<Option<NatsCoordinator>, Failure> {
     let Some(url) = args.queue.clone() else {
         return Ok(None);
@@ -70,6 +70,6 @@ pub(super) fn observer(run: &Run, args: &ServerArgs) -> Result<Option<NatsCoordi
         ca: args.queue_ca.clone(),
         name: "status".to_owned(),
     };
-    // This connection creates neither stream nor consumer, so it needs no lease.
+    // This connection creates neither a stream nor a consumer, so it needs no lease.
     Ok(Some(NatsCoordinator::connect(&options, run.id(), Duration::ZERO)?))
 }

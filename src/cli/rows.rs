@@ -21,8 +21,8 @@ pub(super) fn rows<'a>(rows: impl IntoIterator<Item = (&'a str, &'a str)>) -> St
     text
 }
 
-/// Wraps a text to at most `width` characters, unless a word is longer. Keeps runs of spaces, because they align
-/// columns.
+/// Wraps a text to lines of at most `width` characters; a longer word gets its own line. Keeps runs of spaces, because
+/// they align columns.
 pub(super) fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = Vec::new();
     for line in text.lines() {

@@ -1,11 +1,11 @@
-//! Signal handling: after the first signal, the program finishes the shards in flight; the second ends it at once.
+//! Signal handling: after the first signal, the program finishes its current work; the second signal ends it at once.
 
 use super::exit_code::Exit;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// The signals caught so far.
+/// Flags that record the signals caught so far.
 pub(super) struct Signals {
     stop: Arc<AtomicBool>,
     which: Arc<AtomicUsize>,

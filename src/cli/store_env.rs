@@ -19,12 +19,12 @@ pub(super) fn store_options() -> StoreOptions {
     StoreOptions { settings: settings.collect(), ..StoreOptions::default() }
 }
 
-/// Returns a reader of input files without a cache, for commands that read each file once.
+/// Returns a reader of input files without a cache, for all commands except `work`.
 pub(super) fn inputs() -> Inputs {
     Inputs::new(store_options(), None)
 }
 
-/// Returns a reader of a run's input files, with the cache of `args` or a cache in the run's folder.
+/// Returns a reader of a run's input files, with a cache in the folder of `args` or of the run, unless its limit is 0.
 pub(super) fn inputs_of(run: &Run, args: &CacheArgs) -> Inputs {
     let folder = args.cache.clone();
     let folder = folder.unwrap_or_else(|| run.root().join("cache"));

@@ -27,7 +27,7 @@ pub(super) fn open(
     Ok((run, store))
 }
 
-/// Copies the run's spec and manifest to a machine that has only the store.
+/// Copies the run's spec and manifest from the store into `folder`, if `folder` has no spec.
 pub(super) fn fetch(folder: &Path, store: &Store) -> Result<(), Failure> {
     if folder.join(keys::SPEC).exists() {
         return Ok(());
@@ -46,7 +46,7 @@ pub(super) fn fetch(folder: &Path, store: &Store) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Checks that the store belongs to this run. A store without a spec is still empty.
+/// Checks that the store belongs to this run. A store without a spec passes, because it is still empty.
 fn check(run: &Run, store: &Store) -> Result<(), Failure> {
     let (Some(there), Ok(here)) = (store.get(keys::SPEC)?, std::fs::read(run.path(keys::SPEC)))
     else {

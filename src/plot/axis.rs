@@ -9,7 +9,7 @@ enum Scale {
     Log,
 }
 
-/// Approximate number of ticks.
+/// Approximate number of ticks of a linear axis.
 const TICKS: f64 = 5.0;
 
 /// An axis of a plot.
@@ -30,8 +30,8 @@ pub(crate) struct Tick {
 }
 
 impl Axis {
-    /// Creates a logarithmic axis for positive values. It extends beyond the values by a factor of 1.3, or by 1.95 if
-    /// all values are equal.
+    /// Creates a logarithmic axis for positive values. It extends beyond the values by a factor of 1.3, or of up to
+    /// 1.95 if the values differ by less than a factor of 1.5.
     pub(crate) fn log(values: impl Iterator<Item = f64>, ends: [f64; 2]) -> Self {
         let (lo, hi) = range(values);
         let (lo, hi) = (lo.min(hi / 1.5) / 1.3, hi.max(lo * 1.5) * 1.3);
@@ -108,7 +108,7 @@ impl Axis {
             .collect()
     }
 
-    /// Places ticks at powers of 10. An axis of few decades also has ticks at 2 and 5, an axis of less than one decade at
+    /// Places ticks at powers of 10. An axis below 2.2 decades also has ticks at 2 and 5, an axis below 0.7 decades at
     /// all digits. A long axis has ticks only at some powers of 10.
     fn log_ticks(&self) -> Vec<Tick> {
         let [lo, hi] = self.values;
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn even_axes_have_round_ticks() {
+    fn linear_axes_have_round_ticks() {
         let axis = |lo, hi| Axis::linear([lo, hi].into_iter(), [0.0, 100.0]);
         assert_eq!(labels(&axis(0.0, 99.0)), ["0", "20", "40", "60", "80"]);
         assert_eq!(labels(&axis(1.3, 1.7)), ["1.3", "1.4", "1.5", "1.6", "1.7"]);

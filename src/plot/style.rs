@@ -1,15 +1,15 @@
-//! Symbols and colours of layers, and number formats.
+//! Symbols and colours of layers, and a number format.
 
 use render::layer::PerLayer;
 
 /// Symbols of the layers in the paper; R~ has a combining tilde.
 pub(crate) const PAPER_SYMBOLS: PerLayer<&str> = PerLayer(["I", "T", "R\u{303}", "R"]);
 
-/// Colours of the layers, from the palette of Okabe and Ito, which the colour-blind can distinguish.
+/// Colours of the layers, from Okabe and Ito's palette for colour-blind readers.
 pub(crate) const LAYER_COLOURS: PerLayer<&str> =
     PerLayer(["#0072B2", "#D55E00", "#009E73", "#CC79A7"]);
 
-/// Formats a number with three significant digits, and a power of 10 if it is very small or very large.
+/// Formats a number with at most three significant digits or as an integer; below 1e-4 and from 1e7 with a power of 10.
 pub(crate) fn number(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(1e-4..1e7).contains(&size) {

@@ -14,7 +14,7 @@ const X_ENDS: [f64; 2] = [60.0, 466.0];
 const Y_ENDS: [f64; 2] = [222.0, 46.0];
 /// Right end and baseline of the legend.
 const LEGEND: [f64; 2] = [466.0, 16.0];
-/// Maximum number of steps of a curve, and of points of a scatter plot.
+/// Approximate number of steps of a curve, and maximum number of scenes in a scatter plot.
 const STEPS: usize = 200;
 const POINTS: usize = 800;
 
@@ -127,7 +127,7 @@ fn distribution(layers: &[LayerErrors]) -> Markup {
     plot(SIZE, "Distribution of the stated errors of each layer", &content)
 }
 
-/// Draws a scatter plot with one point for each scene and layer: `across` returns x, and y is the stated error.
+/// Draws a scatter plot of at most [`POINTS`] scenes, a point per layer. `across` returns x; y is the stated error.
 fn cloud(
     survey: &Survey,
     label: &str,
@@ -211,7 +211,7 @@ fn summary(run: &Run, layers: &[LayerErrors]) -> Markup {
     table("Stated errors", &heads, &html! { @for layer in layers { (row(layer)) } })
 }
 
-/// Returns the costs of the scenes for which the logs contain each shard exactly once.
+/// Returns the costs of the scenes for which the logs count as many shards as the scene has.
 fn costs(run: &Run, survey: &Survey) -> Costs {
     let mut traced: BTreeMap<&str, (u32, f64)> = BTreeMap::new();
     for scene in survey.logs.iter().flat_map(|log| &log.scenes) {

@@ -120,7 +120,7 @@ fn single(csv: &str) -> Markup {
         if !methods.contains(&method) {
             methods.push(method.clone());
         }
-        // Rows are sorted by method, each with all images.
+        // The rows are sorted by method, and every method has all images.
         if methods.len() == 1 {
             images.push(image.clone());
         }

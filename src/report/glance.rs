@@ -1,4 +1,4 @@
-//! Summarises the run in a dozen numbers.
+//! Summarises the run: counts, settings, digests, splits and sources.
 
 use super::survey::Survey;
 use super::text::table;
@@ -9,7 +9,7 @@ use maud::{Markup, html};
 use render::line::{SceneLine, Split};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Draws the section: facts, splits and sources.
+/// Draws the section: facts, digests and seeds, splits and sources.
 pub(super) fn glance(run: &Run, survey: &Survey) -> Markup {
     let counts = &survey.status.counts;
     let fact = |id: &str, name: &str, value: &str, note: &str| {

@@ -8,8 +8,8 @@ const SIZE: [f64; 2] = [300.0, 170.0];
 const X_ENDS: [f64; 2] = [34.0, 288.0];
 const Y_ENDS: [f64; 2] = [128.0, 34.0];
 
-/// Draws a histogram of finite `values`; returns `None` if all are equal. Positive values with a range above a factor
-/// of 30 get a logarithmic axis if this axis spreads them better.
+/// Draws a histogram of finite `values`; returns `None` unless two of them differ. Positive values with a range above a
+/// factor of 30 get a logarithmic axis if this axis spreads them better.
 pub(super) fn histogram(name: &str, unit: &str, values: &[f64]) -> Option<Markup> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_value_is_in_one_bar() {
+    fn histograms_have_bars_ranges_and_suitable_axes() {
         let values: Vec<f64> = (0..100).map(f64::from).collect();
         let svg = histogram("ior", "", &values).unwrap().into_string();
         assert_eq!(svg.matches("class=\"bin\"").count(), 10);

@@ -29,7 +29,7 @@ const COLOURS: [[u8; 3]; 9] = [
     [0xfd, 0xe7, 0x25],
 ];
 
-/// Draws the maps of all layers in one picture, two in a row. Returns the layers' symbols in the same order.
+/// Draws the maps of all made layers in one picture, two in a row. Also returns these layers' symbols, in order.
 pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<&'static str>) {
     let mut made = Layer::ALL.to_vec();
     made.retain(|&layer| !map.layers[layer].is_empty());
@@ -62,7 +62,7 @@ fn part(values: &[f32], [width, height]: [u32; 2], most: u32) -> RgbImage {
         }
     };
     let (columns, rows) = (side(width), side(height));
-    // The picture is never larger than the map, so that every cell has a value.
+    // The picture is never larger than the map, so every pixel covers at least one value.
     let cells = |cell: u32, cells: u32, size: u32| {
         let end = |cell: u32| (u64::from(cell) * u64::from(size) / u64::from(cells)) as usize;
         end(cell)..end(cell + 1)
@@ -161,7 +161,7 @@ mod tests {
         assert_eq!((picture.dimensions(), symbols), ((258, 64), vec!["T", "R\u{303}"]));
         map.layers[Layer::Transmission].clear();
         assert_eq!(noise_picture(&map).0.dimensions(), (256, 128));
-        // A width that is no multiple of the picture's, and a thin map.
+        // The map is thin, and its width is no multiple of the picture's width.
         let odd = part(&vec![1e-3; 131 * 3], [131, 3], 128);
         assert_eq!(odd.dimensions(), (128, 2));
         assert!(odd.pixels().all(|p| p.0 == colour(f64::from(1e-3f32))));

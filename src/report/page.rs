@@ -119,7 +119,7 @@ fn page(run: &Run, survey: &Survey, tuples: Markup) -> Markup {
     }
 }
 
-/// Makes the section of rejected draws, or reports the error of reading them.
+/// Draws the table of rejected draws, or the error of reading them.
 fn rejected(run: &Run) -> Markup {
     match read_rejected(run.path(keys::REJECTED)) {
         Ok(rejected) => rejections(run.lines.len(), &rejected),
@@ -129,7 +129,7 @@ fn rejected(run: &Run) -> Markup {
     }
 }
 
-/// Lists the commands that make the same tuples.
+/// Lists the commands that make the same tuples again and check them.
 fn again(run: &Run) -> Markup {
     let scene = run.lines.first().map_or("SCENE", |line| line.id.as_str());
     html! {

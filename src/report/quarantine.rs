@@ -6,7 +6,7 @@ use crate::text::cut;
 use maud::{Markup, html};
 use render::ids::SceneId;
 
-/// Maximum number of scenes on the page.
+/// Maximum number of scenes in each list on the page.
 const SHOWN: usize = 200;
 /// Maximum length of a reason on the page, in characters.
 const REASON_SHOWN: usize = 2000;

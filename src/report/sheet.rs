@@ -1,4 +1,4 @@
-//! The contact sheet: tuples at even distances in the run, each with its noise map.
+//! The contact sheet: tuples at even distances in the run, each with its noise map, if any.
 
 use super::noise_picture::{noise_picture, scale};
 use super::picture::{MUCH_SMALLER, QUALITY, decode_png, exact_img, img, shrunk};
@@ -18,7 +18,7 @@ use render::merge::{LayerRecord, NoiseMap, TupleRecord};
 
 /// Maximum number of tuples on the sheet.
 const SHOWN: usize = 32;
-/// Maximum size of the sheet, bytes. Larger pictures leave space for fewer rows.
+/// Approximate maximum size of the sheet, bytes. Larger pictures leave space for fewer rows.
 const BUDGET: usize = 7 << 20;
 /// Brightness of the second picture of the reflection, relative to the first.
 const GAIN: f32 = 8.0;
@@ -150,7 +150,7 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
     Ok(Row { html, has_map: matches!(noise, Some(Ok(_))) })
 }
 
-/// Formats the stated error and the shares of a layer.
+/// Formats the stated error of a layer, and its shares of missed paths and clipped values.
 fn numbers(layer: &LayerRecord) -> Markup {
     let shares = [("missed", layer.miss_share), ("clipped", layer.clipped_share)];
     html! {
@@ -180,7 +180,7 @@ fn noise(line: &SceneLine, store: &Store) -> Result<Option<Map>, Lack> {
     Ok(bytes.map(|bytes| draw(&bytes)))
 }
 
-/// Formats the parameters of the scene.
+/// Formats the scene's split, samples, focus distance, glass and orders.
 fn parameters(record: &TupleRecord) -> String {
     let glass = &record.scene.glass;
     let focus =

@@ -3,7 +3,7 @@
 use crate::plot::{Axis, plot};
 use maud::{Markup, html};
 
-/// Name, colour (Okabe and Ito, and greys) and description of each stage.
+/// Name, colour (most from the palette of Okabe and Ito) and description of each stage.
 pub(super) const STAGES: [(&str, &str, &str); 8] = [
     ("read", "#CC79A7", "input files"),
     ("decode", "#E69F00", "pictures and depth to scenes"),
@@ -15,13 +15,13 @@ pub(super) const STAGES: [(&str, &str, &str); 8] = [
     ("rest", "#9A9A9A", "queue, leases, the store's own threads"),
 ];
 
-/// Name of the stage before work begins: starting, planning, the golden shard. It is no part of the cost of tuples.
+/// Name of the stage before work begins (starting, planning, the golden shard), which the cost of tuples excludes.
 pub(super) const BEFORE: &str = "before";
 
-/// Colour of stages that this version does not know.
+/// Colour of stages that do not exist in this version.
 const OTHER: &str = "#555555";
 
-/// Seconds of a stage.
+/// CPU and thread seconds of a stage.
 pub(super) struct Stage {
     pub(super) name: String,
     pub(super) colour: &'static str,
@@ -69,7 +69,7 @@ pub(super) fn bar(stages: &[Stage], total: f64) -> Markup {
             rect x=(format_args!("{left:.2}")) y="2" width=(format_args!("{width:.2}")) height=(HEIGHT) fill=(stage.colour) {
                 title { (stage.name) " " (format_args!("{:.2}", stage.cpu_s)) " CPU s" }
             }
-            // Labels only a part that is wide enough for its name.
+            // Only parts that are wide enough for their names have a label.
             @if width > 8.0 * stage.name.len() as f64 + 50.0 {
                 text x=(format_args!("{:.1}", left + width / 2.0)) y="21" text-anchor="middle" fill="#fff" {
                     (stage.name) " " (format_args!("{:.0} %", 100.0 * share))

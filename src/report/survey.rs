@@ -1,4 +1,4 @@
-//! Reads the report's data from a run's store, once.
+//! Reads the run's status, the records of its tuples and the workers' logs from the store.
 
 use crate::run::{Run, Scope, Snapshot, Status, WorkLog, keys, read_logs};
 use crate::store::{Store, StoreError};
@@ -23,7 +23,7 @@ pub(super) struct Survey {
     pub(super) damaged_logs: Vec<String>,
 }
 
-/// A scene with a tuple.
+/// A scene with a usable tuple.
 pub(super) struct DoneScene {
     /// Index in the manifest.
     pub(super) index: usize,
@@ -97,7 +97,7 @@ fn facts(
     }))
 }
 
-/// Parses `tuple.json` and checks that it belongs to the line.
+/// Parses `tuple.json` and checks that it belongs to the line and to this version of the tracer.
 pub(super) fn parse(line: &SceneLine, bytes: &[u8]) -> Result<TupleRecord, String> {
     let record: TupleRecord =
         serde_json::from_slice(bytes).map_err(|e| format!("tuple.json cannot be read: {e}"))?;

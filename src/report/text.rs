@@ -12,7 +12,7 @@ pub(super) fn error(value: f64) -> Markup {
     exact(value, &format!("{value:.2e}"))
 }
 
-/// Formats seconds with about three significant digits.
+/// Formats seconds with three decimals below 1, two below 100, and none from 100.
 pub(super) fn seconds(value: f64) -> Markup {
     let digits = match value {
         v if v < 1.0 => 3,

@@ -52,7 +52,7 @@ fn stage(folder: &Path, title: &str, columns: &str) -> Option<Markup> {
     })
 }
 
-/// Reads a column of `metrics.csv`, by step.
+/// Reads the steps and the finite values of a column of `metrics.csv`.
 fn column(csv: &str, name: &str) -> Vec<Point> {
     let mut lines = csv.lines();
     let head: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
@@ -68,7 +68,7 @@ fn column(csv: &str, name: &str) -> Vec<Point> {
     lines.filter_map(point).collect()
 }
 
-/// Draws a curve as SVG, from means of consecutive points if there are more than [`POINTS`].
+/// Draws a curve as SVG, from means of consecutive points if it has more than [`POINTS`] points.
 fn curve(name: &str, unit: &str, points: &[Point]) -> Markup {
     let at_once = points.len().div_ceil(POINTS).max(1);
     let means: Vec<Point> = points

@@ -1,9 +1,9 @@
 //! Records of attempts, which reveal scenes that kill their workers.
 //!
 //! A worker that takes a task first puts `attempts/<scene>/<start>-<end>.<n>.json` and removes it when the task ends
-//! normally. A remaining record belongs to a running attempt or to a lost one. The queue tells which: when it delivers
-//! a task again, the last holder's lease has expired. A child process traces a task that was lost once; after four
-//! losses, its scene goes into quarantine.
+//! normally. A remaining record belongs to a running or to a failed attempt. When the queue delivers a task again, the
+//! last holder's lease has expired, so its attempt was lost. A child process traces a task that was lost once; after
+//! four losses without new partials, its scene goes into quarantine.
 
 use super::json_line;
 use super::keys;
@@ -17,10 +17,10 @@ use std::time::SystemTime;
 /// Schema of an [`AttemptRecord`].
 pub const ATTEMPT_SCHEMA: &str = "glasshouse.attempt/1";
 
-/// A scene goes into quarantine after this many losses without new partials in between.
+/// Number of losses without new partials in between, or of failed reads, that put a scene into quarantine.
 pub const MOST_LOST: u32 = 4;
 
-/// A scene goes into quarantine when its files are unreadable on this many machines.
+/// Number of machines with failed reads of a scene's files after which the scene goes into quarantine.
 const HOSTS_TO_REFUSE: usize = 2;
 
 /// Content of `attempts/<scene>/<start>-<end>.<n>.json`.
@@ -59,9 +59,9 @@ pub struct Ending {
 pub enum EndKind {
     /// The worker's lease expired; the next worker records this.
     Lost,
-    /// The child process died.
+    /// The child process died, or the record is damaged.
     Crashed,
-    /// The child process made no progress and was killed.
+    /// The child process made no progress and exited or was killed.
     Hung,
     /// The scene's files cannot be read on the worker's machine.
     Unreadable,
@@ -144,8 +144,8 @@ impl AttemptRecord {
         Ok(self)
     }
 
-    /// Removes the record, because the task has ended normally. If that fails, the record counts once the queue
-    /// delivers the task again.
+    /// Removes the record, because the task has ended normally. If that fails, the record counts as a loss once
+    /// the queue delivers the task again.
     pub(crate) fn forget(&self, store: &Store) {
         let _ = store.delete(&[self.key()]);
     }
@@ -154,7 +154,7 @@ impl AttemptRecord {
         self.ended.as_ref().map(|ending| ending.kind)
     }
 
-    /// True if `host` could not read the scene's files.
+    /// True if `host` could not read the scene's files in this attempt.
     pub(crate) fn could_not_read(&self, host: &str) -> bool {
         self.host == host && self.end_kind() == Some(EndKind::Unreadable)
     }
@@ -167,7 +167,7 @@ impl AttemptRecord {
         self.shards[0] < task.shards.end && task.shards.start < self.shards[1]
     }
 
-    /// True if this task may have killed the worker.
+    /// True if the attempt was lost and `task` may be the cause.
     fn was_lost(&self, task: &Task) -> bool {
         match self.end_kind() {
             None | Some(EndKind::Unreadable) => false,
@@ -201,7 +201,7 @@ pub(crate) fn attempts_with_times(
 }
 
 /// Marks earlier attempts at a task as lost, because the queue has delivered it again: their leases have expired. A
-/// worker that was only slow removes its record when it ends.
+/// worker that was only slow removes its record when its task ends.
 pub(crate) fn mark_lost(
     store: &Store,
     records: Vec<AttemptRecord>,

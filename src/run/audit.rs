@@ -1,7 +1,7 @@
 //! Traces scenes again, in memory, and compares the results with the run's, bit for bit.
 //!
-//! The golden shard refuses machines that always compute other bits. An audit finds machines that sometimes do, and
-//! objects that were damaged later, and names their workers.
+//! The golden shard reveals machines that always compute other bits. An audit finds machines that sometimes do so, and
+//! objects that were damaged later; it names the workers that made differing scenes.
 
 use super::compare::{FileDifference, compare};
 use super::error::AccessError;
@@ -46,7 +46,7 @@ pub(crate) enum Verdict {
 pub(crate) struct SceneAudit {
     pub(crate) scene: SceneId,
     pub(crate) verdict: Verdict,
-    /// Workers that made the scene's tuple.
+    /// Provenance of the scene's tuple, if the store has it.
     pub(crate) receipt: Option<Provenance>,
     pub(crate) files: u64,
     pub(crate) differences: Vec<FileDifference>,
@@ -73,8 +73,8 @@ pub(crate) fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), Acc
     })
 }
 
-/// Draws scenes that have a tuple: a share of them (0 to 1), but at least one if any has. Returns their indices in the
-/// manifest, ascending. The choice depends only on `seed` and the ids; a larger share contains a smaller one.
+/// Draws a share (0 to 1) of the scenes with a tuple, but at least one of them. Returns their indices in the manifest,
+/// ascending. The choice depends only on `share`, `seed` and the ids; a larger share only adds scenes.
 pub(crate) fn draw_scenes(
     run: &Run,
     store: &Store,
@@ -169,8 +169,8 @@ pub(crate) fn audit_scene(
     Ok(Some(audit))
 }
 
-/// Names input files with different digests in the tuple's record and on this machine. A damaged record is compared
-/// like any other file.
+/// Names input files with different digests in the tuple's record and on this machine. Ignores a damaged record,
+/// because `audit_scene` compares the record like any other file.
 fn other_inputs(
     store: &Store,
     line: &SceneLine,

@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeSet;
 
-/// Two files with different bytes.
+/// Difference of two files with different bytes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct FileDifference {
     /// Key of the file in the store.
@@ -15,7 +15,7 @@ pub(crate) struct FileDifference {
     pub(crate) pixels: Option<u64>,
     /// Number of all pixels, for an image.
     pub(crate) of_pixels: Option<u64>,
-    /// Largest difference of a channel, for an image: linear radiance in an EXR, 8-bit steps in a PNG.
+    /// Largest difference of a channel: linear radiance in an EXR, 8-bit steps in a PNG; `f64::MAX` if not finite.
     pub(crate) largest: Option<f64>,
     /// Position of the largest difference, `[x, y]`, px.
     pub(crate) at: Option<[u32; 2]>,

@@ -62,7 +62,7 @@ impl Control {
         Ok(bytes.map_or_else(Self::default, |bytes| Self::parse(&bytes)))
     }
 
-    /// Parses the object. A damaged object pauses the run, because its writer meant to stop it.
+    /// Parses the object. A damaged object pauses the run, because its writer meant to stop the run.
     fn parse(bytes: &[u8]) -> Self {
         Self::read(bytes).unwrap_or_else(|error| Self {
             state: ControlState::Paused,
@@ -91,7 +91,7 @@ impl Control {
     }
 }
 
-/// A run that cannot be paused or cancelled.
+/// Reason why a run cannot be paused, cancelled or resumed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ControlError {
     /// The store cannot be used.
@@ -104,7 +104,7 @@ pub(crate) enum ControlError {
     Cancelled,
 }
 
-/// Pauses, cancels or resumes a run; with `dry_run`, only checks that it can. Returns the earlier state. Setting the
+/// Pauses, cancels or resumes a run; with `dry_run`, only checks the request. Returns the earlier state. Setting the
 /// same state again is not an error.
 pub(crate) fn set_control(
     store: &Store,
@@ -133,7 +133,7 @@ pub(crate) fn set_control(
     Ok(before)
 }
 
-/// Polling state of `control.json`.
+/// Last known content of `control.json`, and the time of the last poll.
 #[derive(Debug, Default)]
 pub(crate) struct ControlPoll {
     polled: Option<Instant>,
@@ -141,7 +141,7 @@ pub(crate) struct ControlPoll {
 }
 
 impl ControlPoll {
-    /// Returns the last known control, and reads it again when a poll is due. Ignores a store that does not answer.
+    /// Returns the last known control; first reads it again if a poll is due. Ignores a store that does not answer.
     pub(crate) fn poll(&mut self, store: &Store) -> &Control {
         let every = store.poll_interval();
         if self.polled.is_none_or(|at| at.elapsed() >= every) {
@@ -167,7 +167,7 @@ impl ControlFlag {
         self.0.load(Ordering::Relaxed) == state as u8
     }
 
-    /// True if the worker may neither take a task nor open a scene.
+    /// True if the run is paused: the worker may neither take a task nor open a scene.
     pub(crate) fn is_paused(&self) -> bool {
         self.is(ControlState::Paused)
     }

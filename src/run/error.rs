@@ -6,7 +6,7 @@ use render::line::{ManifestError, RootError};
 use std::io;
 use std::path::PathBuf;
 
-/// A run that cannot be opened.
+/// Reason why a run cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The folder holds no run.
@@ -15,7 +15,7 @@ pub enum RunError {
     /// A file cannot be read.
     #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
     Read { path: PathBuf, source: io::Error },
-    /// `spec.json` is damaged, or a file is not text.
+    /// `spec.json` is damaged or has no manifest, or a file is not text.
     #[error("{} is damaged: {reason}; plan the run again into a new folder", path.display())]
     Spec { path: PathBuf, reason: String },
     /// `manifest.jsonl` is damaged.
@@ -44,7 +44,7 @@ pub enum AccessError {
     /// The run cannot be opened or is in use.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// A tuple cannot be encoded or written.
+    /// The partials of a scene cannot be combined into a tuple, or a file of the tuple cannot be encoded.
     #[error("{0}")]
     Tuple(String),
     /// This machine computes different pixels than the machine that planned the run.

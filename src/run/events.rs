@@ -3,7 +3,7 @@
 use super::control::ControlState;
 use render::ids::SceneId;
 
-/// An event, reported by worker threads.
+/// An event, reported by a thread of a worker or coordinator.
 #[derive(Clone, Debug)]
 pub enum Event {
     Started {
@@ -31,9 +31,9 @@ pub enum Event {
     },
     /// The queue cannot be reached; work on leased tasks continues.
     QueueLost { reason: String },
-    /// The store cannot be reached; the worker repeats the call.
+    /// The store cannot be reached; the caller repeats the call.
     StoreLost { reason: String },
-    /// A child process traces a scene that an earlier process was lost with.
+    /// A child process traces a scene that was lost with an earlier process.
     Sandboxed { scene: SceneId },
     /// The child process of such a scene was lost, too.
     ChildLost { scene: SceneId, reason: String },
@@ -42,7 +42,7 @@ pub enum Event {
         /// Scene of the fault.
         scene: SceneId,
     },
-    /// Too many scenes failed on this worker, so it ends.
+    /// Too many scenes in a row failed on this worker, so the worker ends.
     Drained {
         /// The failed scenes and a remedy.
         reason: String,

@@ -36,10 +36,10 @@ pub(crate) struct Explanation {
     pub(crate) missing: Vec<[u32; 2]>,
     /// The requested shard, if any.
     pub(crate) shard: Option<ShardFacts>,
-    /// Running and lost attempts at the scene.
+    /// Running and failed attempts at the scene.
     pub(crate) attempts: Vec<StandingAttempt>,
     pub(crate) quarantine: Option<serde_json::Value>,
-    /// Workers that made the tuple, if a farm made it.
+    /// Provenance of the tuple, if a farm made it.
     pub(crate) receipt: Option<Provenance>,
     /// State of the run: running, paused or cancelled.
     pub(crate) run: ControlState,
@@ -54,11 +54,11 @@ pub(crate) struct ShardFacts {
     pub(crate) tile: Tile,
     /// Range of sample indices of each pixel, half open.
     pub(crate) samples: [u32; 2],
-    /// Location of the shard's result, or the reason why the result is unusable.
+    /// Location of the shard's result, or a note that the result is missing or unusable.
     pub(crate) result: String,
 }
 
-/// A scene that cannot be explained.
+/// Reason why a scene cannot be explained.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ExplainError {
     /// The store cannot be used.
@@ -75,7 +75,7 @@ impl From<StoreError> for ExplainError {
     }
 }
 
-/// Explains a scene, and one of its shards if it is given.
+/// Explains a scene and, if `shard` is given, that shard.
 pub(crate) fn explain(
     run: &Run,
     store: &Store,

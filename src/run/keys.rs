@@ -10,7 +10,7 @@ pub const SPEC: &str = "spec.json";
 pub const MANIFEST: &str = "manifest.jsonl";
 /// Scenes that planning drew, previewed and rejected.
 pub(crate) const REJECTED: &str = "rejected.jsonl";
-/// File that the process that works on the run's folder locks.
+/// File that is locked by the process that works on the run's folder.
 pub(crate) const LOCK: &str = "work.lock";
 /// Record that the coordinator writes when every scene is done or in quarantine.
 pub const FINISHED: &str = "finished.json";
@@ -28,7 +28,7 @@ pub const NOISE: &str = "noise";
 pub const LOGS: &str = "logs";
 /// Folder of all partials.
 pub const PARTIALS: &str = "partials";
-/// Folder of running and lost attempts.
+/// Folder of the records of running and failed attempts.
 pub const ATTEMPTS: &str = "attempts";
 /// Folder of results that differ from those in the store.
 pub const CONFLICTS: &str = "conflicts";
@@ -67,7 +67,7 @@ pub fn made_by(scene: &SceneId, [start, end]: [u32; 2]) -> String {
     format!("{PARTIALS}/{scene}/{start}-{end}.json")
 }
 
-/// Returns the key of the result of `worker` for `key`, for the case that the store holds another result.
+/// Returns the key under which `worker` puts its result for `key` if the store holds another result.
 pub fn conflict(worker: &str, key: &str) -> String {
     format!("{CONFLICTS}/{worker}/{key}")
 }

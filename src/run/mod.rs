@@ -1,7 +1,7 @@
 //! A run's folder or bucket: the keys of its objects, the records in them, and the run's progress.
 //!
-//! The store is the only state. Starting, resuming and recovering are the same operation: list the results, make the
-//! missing ones. Modules import only modules above them.
+//! The store is the only state. Starting, resuming and recovering are the same operation: list the results and make
+//! the missing ones. Modules import only modules above them.
 
 mod error;
 pub mod keys;

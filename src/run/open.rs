@@ -1,4 +1,4 @@
-//! Opens a run.
+//! Opens and locks a run.
 
 use super::error::RunError;
 use super::keys;
@@ -55,7 +55,7 @@ impl Run {
         let mut roots = given.clone();
         for (name, folder) in &spec.roots {
             if roots.get(name).is_none() {
-                // Relative folders are below the run's folder and move with it.
+                // Relative paths start at the run's folder and move with it.
                 let folder = if is_url(folder) { folder.clone() } else { root.join(folder) };
                 roots.insert(name, folder)?;
             }
@@ -72,7 +72,7 @@ impl Run {
         self.root.join(key)
     }
 
-    /// Returns the run's identity: the first bytes of its spec's digest.
+    /// Returns the run's identity: the first eight bytes of its spec's digest.
     pub fn id(&self) -> [u8; 8] {
         let spec = serde_json::to_vec(&self.spec).expect("a spec is JSON");
         let digest = blake3::hash(&spec);
@@ -84,7 +84,7 @@ impl Run {
         ShardLayout::of(line, self.spec.tile_px)
     }
 
-    /// Locks the run for this process until the file is dropped.
+    /// Locks the run for this process until the returned file is dropped.
     pub fn lock(&self) -> Result<File, RunError> {
         let path = self.path(keys::LOCK);
         let file = File::options()

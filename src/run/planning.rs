@@ -25,7 +25,7 @@ pub(crate) struct PlanOptions<'a> {
     pub(crate) dry_run: bool,
     /// True if planning leaves out photographs with unusable files (for a `.jsonl`, scenes).
     pub(crate) skip_invalid: bool,
-    /// Number of threads that check input files and make procedural photographs.
+    /// Number of threads that check input files, trace the golden shard and make procedural photographs.
     pub(crate) threads: usize,
 }
 
@@ -66,10 +66,10 @@ impl Planned {
     }
 }
 
-/// A recipe that cannot be planned.
+/// Reason why a recipe or manifest cannot be planned.
 #[derive(Debug, thiserror::Error)]
 pub enum PlanError {
-    /// The recipe or manifest yields no scenes.
+    /// The recipe or manifest cannot be turned into scenes.
     #[error(transparent)]
     Draft(#[from] DraftError),
     /// The folder holds a run of another plan.
@@ -81,7 +81,7 @@ pub enum PlanError {
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// Procedural photographs cannot be written.
+    /// Procedural photographs cannot be encoded or written.
     #[error(transparent)]
     Sample(#[from] SampleError),
 }

@@ -75,7 +75,7 @@ impl Provenance {
         self.worker.iter().chain(&self.with)
     }
 
-    /// Formats the names of these workers.
+    /// Formats the names of all workers that made parts of the tuple.
     pub fn makers(&self) -> String {
         let worker = self.worker.clone().unwrap_or_else(|| "unknown".to_owned());
         let with: Vec<&str> = self.with.iter().map(String::as_str).collect();

@@ -1,4 +1,4 @@
-//! `retry`: takes scenes out of quarantine and removes their attempts.
+//! `retry`: takes scenes out of quarantine and removes their attempts, or resets scenes.
 
 use super::keys;
 use crate::store::{Store, StoreError};
@@ -32,7 +32,7 @@ pub struct Retried {
     pub was_finished: bool,
 }
 
-/// Scenes that cannot be tried again.
+/// Reason why scenes cannot be tried again.
 #[derive(Debug, thiserror::Error)]
 pub enum RetryError {
     /// The store cannot be used.
@@ -44,7 +44,7 @@ pub enum RetryError {
 }
 
 /// Removes the quarantine records and attempts of `which`, and all results of [`RetryScenes::Anew`], from a run with
-/// the scenes `manifest`; with `dry_run`, only counts them. An error changes nothing.
+/// the scenes `manifest`; with `dry_run`, only counts them. A refusal changes nothing.
 pub fn retry(
     store: &Store,
     manifest: &[SceneId],

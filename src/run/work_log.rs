@@ -1,5 +1,5 @@
-//! Logs that workers write when they end, `RUN/logs/work-*.json`. Only the report reads them. A killed worker writes
-//! none.
+//! Logs that workers write when they end, `RUN/logs/work-*.json`. Only the report uses them. A killed worker
+//! writes none.
 
 use super::json_line;
 use super::keys;
@@ -23,7 +23,7 @@ pub(crate) struct WorkLog {
     pub(crate) host: String,
     pub(crate) version: String,
     pub(crate) tracer_version: u32,
-    /// True if the process was a worker's child, for a scene that an earlier process was lost with.
+    /// True if the process was a worker's child, for a scene that was lost with an earlier process.
     pub(crate) is_child: bool,
     pub(crate) threads: u32,
     /// Start, seconds since 1970 by the worker's clock.
@@ -99,8 +99,8 @@ impl SceneSeconds {
 }
 
 impl WorkLog {
-    /// Puts the log, unless the worker did nothing. Ignores a failure, because the report states how many tuples its
-    /// logs cover.
+    /// Puts the log, unless the worker did nothing. Ignores a failure, because the report states the number of tuples
+    /// without a log.
     pub(crate) fn leave(&self, store: &Store) {
         if self.merged + self.shards_traced + self.scenes_loaded == 0 {
             return;
@@ -118,7 +118,7 @@ impl WorkLog {
         format!("{}/work-{milliseconds:013}-{worker}.json", keys::LOGS)
     }
 
-    /// True if its times are finite and not negative, so that the report can add them.
+    /// True if the log's times are finite and not negative, so that the report can add them.
     fn is_sound(&self) -> bool {
         let seconds = self.thread_seconds.values().chain(self.cpu_seconds.values());
         let scenes = self.scenes.iter().map(|scene| &scene.cpu_s);
@@ -151,7 +151,7 @@ pub(crate) fn read_logs(store: &Store) -> Result<(Vec<WorkLog>, Vec<String>), St
 pub enum Stop {
     Asked,
     TimeLimit,
-    /// Too many scenes failed on this worker.
+    /// Too many scenes in a row failed on this worker.
     Drained,
     /// The run was cancelled.
     Cancelled,

@@ -10,7 +10,7 @@ pub const MIN_TOKEN_CHARACTERS: usize = 16;
 pub enum Action {
     /// Lets workers finish their open scenes and start no others.
     Pause,
-    /// Continues after a pause.
+    /// Lets workers take tasks and open scenes again.
     Resume,
     /// Cancels the rest of the run.
     Cancel,
@@ -23,7 +23,7 @@ pub enum Action {
 pub(super) struct Token(blake3::Hash);
 
 impl Token {
-    /// Returns `None` if the text is too short.
+    /// Creates a token; returns `None` if the text is too short.
     pub(super) fn new(text: &str) -> Option<Self> {
         (text.chars().count() >= MIN_TOKEN_CHARACTERS).then(|| Self(blake3::hash(text.as_bytes())))
     }

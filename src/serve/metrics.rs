@@ -74,7 +74,7 @@ fn workers(out: &mut Out, workers: &[WorkerView]) {
     out.family(
         "worker_shards_done_total",
         "counter",
-        "Number of shards that a worker has traced since it started.",
+        "Number of shards of the tuples that a worker has made since the coordinator started.",
     );
     for ([name, host], worker) in &named {
         let labels = [("worker", *name), ("host", *host)];

@@ -1,4 +1,4 @@
-//! Draws the status page from a view, as one self-contained HTML file.
+//! Draws the status page from a view, as one HTML file with its style and script.
 //!
 //! The page is complete without its script. The script fetches the changing part every two seconds, drawn by the same
 //! code, and replaces the differences. The page shortens long lists.
@@ -53,7 +53,7 @@ pub(super) fn page(view: &FarmView, nonce: &str, can_act: bool) -> String {
     printable(page.into_string())
 }
 
-/// Draws the changing parts of a page: the title, and the element with all content except frame and dialog.
+/// Draws the changing parts of a page: the title, and the element with all content except note, footer and dialog.
 pub(super) fn live(view: &FarmView, can_act: bool) -> String {
     let parts = html! { (title(view)) (changing(view, can_act)) };
     printable(parts.into_string())
@@ -77,7 +77,7 @@ fn changing(view: &FarmView, can_act: bool) -> Markup {
     }
 }
 
-/// Draws the dialog that confirms a button. The token stays in its field, in memory, until the user leaves the page.
+/// Draws the dialog that confirms an action. The token stays in its field, in memory, until the user leaves the page.
 fn dialog() -> Markup {
     html! {
         dialog #ask {
@@ -139,7 +139,7 @@ fn alerts(view: &FarmView) -> Markup {
     }
 }
 
-/// Shortens a reason and ends it with a full stop.
+/// Shortens a reason, and adds a full stop unless the reason ends like a sentence.
 fn sentence(reason: &str) -> String {
     let reason = cut(reason, TEXT_SHOWN);
     if reason.ends_with(['.', '!', '?']) { reason } else { reason + "." }
@@ -148,7 +148,7 @@ fn sentence(reason: &str) -> String {
 fn progress(view: &FarmView) -> Markup {
     let scenes = view.scenes;
     let done = percent(scenes.done, scenes.total);
-    // The bar of lost scenes is at least wide enough to be visible.
+    // The bar of scenes in quarantine is always wide enough to be visible.
     let lost = match (view.quarantined, scenes.total) {
         (0, _) | (_, 0) => 0.0,
         (lost, total) => (lost as f64 / total as f64 * 100.0).clamp(0.3, 100.0),

@@ -1,4 +1,4 @@
-//! Routes of the server: refuses requests or answers them.
+//! Routes of the server: answers or refuses requests.
 
 use super::action::{Action, Token};
 use super::server::FarmSource;
@@ -26,7 +26,7 @@ const SOURCE_LIMIT: Duration = Duration::from_secs(20);
 /// Maximum number of concurrent calls to the source. Pictures have a limit of their own, so that a slow store does not
 /// delay other requests.
 const CALLS: usize = 8;
-/// Maximum length of a request's body; no route needs a body.
+/// Maximum length of a request's body, bytes; no route needs a body.
 const BODY_BYTES: u64 = 4096;
 
 /// State that all requests share.
@@ -74,8 +74,8 @@ fn refuse(status: StatusCode, sentence: &str) -> Refusal {
     (status, format!("{sentence}\n"))
 }
 
-/// Refuses requests for a foreign host, and forbids browsers to guess the type of an answer or to embed it in another
-/// site.
+/// Refuses requests for a foreign host or with a long body. Forbids browsers to guess the type of an answer, to embed
+/// it in another site and, by default, to cache it.
 async fn guard(State(app): State<App>, request: Request, next: Next) -> Response {
     let mut response = match app.admit(&request) {
         Ok(()) => next.run(request).await,
@@ -112,9 +112,9 @@ impl App {
         Ok(())
     }
 
-    /// True if the request names this server. On a loopback address, only loopback names count: any other name comes from
-    /// a foreign page that points its own name to this address (DNS rebinding). The port is not compared, because a
-    /// tunnel may use another port.
+    /// True if the server listens for other machines or the request names this machine. On a loopback address, any
+    /// other name comes from a foreign page that points its own name to this address (DNS rebinding). The port is not
+    /// compared, because a tunnel may use another port.
     fn is_ours(&self, request: &Request) -> bool {
         if !self.listens_on.is_loopback() {
             return true;

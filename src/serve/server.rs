@@ -35,8 +35,8 @@ const LAST_ANSWER_LIMIT: Duration = Duration::from_secs(10);
 pub trait FarmSource: Send + Sync {
     /// Returns the current state of the run. Each open page causes a call every two seconds, so a call must be cheap.
     fn view(&self) -> FarmView;
-    /// Returns a small PNG of a layer of a scene's tuple (about 256 px wide), if the tuple has it. `layer` is one of
-    /// [`render::layer::Layer::NAMES`]; the scene may not exist.
+    /// Returns a small PNG of a layer of a scene's tuple (at most 256 px a side), if the tuple has it. `layer` is one
+    /// of [`render::layer::Layer::NAMES`]; the scene may not exist.
     fn thumbnail(&self, scene: &SceneId, layer: &str) -> Option<Vec<u8>>;
     /// Carries out an action of a request with the token. The error is a message for the user.
     fn act(&self, action: Action) -> Result<(), String>;
@@ -45,7 +45,7 @@ pub trait FarmSource: Send + Sync {
 /// The reason why the server cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The address is in use, foreign or forbidden.
+    /// The address is in use, is not one of this machine, or is forbidden.
     #[error(
         "cannot listen on {address}: {source}; choose another address (port 0 picks a free one)"
     )]
@@ -86,8 +86,8 @@ impl Drop for Server {
     }
 }
 
-/// Starts a server on `listen` that answers requests from `source` on its own thread. Without a `token`, it refuses
-/// actions.
+/// Starts a server on `listen` that runs on its own thread and answers requests with data from `source`. Without a
+/// `token`, the server refuses actions.
 pub fn serve(
     listen: SocketAddr,
     source: Arc<dyn FarmSource>,

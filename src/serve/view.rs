@@ -14,9 +14,9 @@ pub const FARM_SCHEMA: &str = "glasshouse.farm/1";
 pub struct FarmView {
     /// Always [`FARM_SCHEMA`].
     pub schema: &'static str,
-    /// Name of the recipe or manifest.
+    /// Name of the run's folder.
     pub name: String,
-    /// Eight hexadecimal digits of the spec's digest, as in the queue's subjects.
+    /// First 16 hexadecimal digits of the spec's digest; the queue's subjects contain eight of them.
     pub run: String,
     /// Version of the coordinator's program.
     pub version: String,
@@ -52,7 +52,7 @@ pub struct Count {
 pub struct QueueView {
     /// True if the coordinator has a connection.
     pub connected: bool,
-    /// Reason of a missing connection.
+    /// Reason for a missing connection.
     pub reason: Option<String>,
     /// Number of tasks that no worker holds; `null` if unknown.
     pub spans_waiting: Option<u64>,
@@ -74,7 +74,7 @@ pub struct WorkerView {
     pub scene: Option<SceneId>,
     /// Index of the current shard in the scene.
     pub shard: Option<u32>,
-    /// Number of shards traced since the worker started.
+    /// Number of shards of the tuples that the worker has made since the coordinator started.
     pub shards_done: u64,
 }
 
@@ -117,7 +117,7 @@ pub struct QuarantinedScene {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecentTuple {
     pub scene: SceneId,
-    /// Seconds since the tuple was finished.
+    /// Seconds since the coordinator found the tuple; 0 if the tuple is older than the coordinator.
     pub age_s: f64,
     /// Worker that merged the tuple, if known.
     pub worker: Option<String>,
@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_those_of_the_json() {
+    fn names_equal_the_json_values() {
         for state in WorkerState::ALL {
             assert_eq!(serde_json::to_value(state).unwrap(), state.name());
         }

@@ -53,7 +53,7 @@ impl WatchedRun {
     }
 }
 
-/// Creates a worker without any observation but its name and its machine.
+/// Creates the view of a worker with only its name and its machine known.
 fn new_worker(name: &str, host: &str) -> WorkerView {
     WorkerView {
         name: name.to_owned(),

@@ -1,4 +1,4 @@
-//! `audit RUN`
+//! `audit RUN`: traces scenes again and compares them with the run's files.
 
 use crate::cli::args::{Global, RootArgs, StoreArgs, isa, parse_scene_id, threads};
 use crate::cli::exit_code::{Exit, Failure, failure};
@@ -32,7 +32,7 @@ pub(super) struct AuditArgs {
     /// Seed of the choice: equal seed, share and run give equal scenes [default: random, and printed]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Audit this scene instead; of an unfinished scene, only the files that exist; repeatable
+    /// Audit this scene instead of a random choice; an unfinished scene is compared as far as it has files; repeatable
     #[arg(long = "scene", value_name = "SCENE", value_parser = parse_scene_id, conflicts_with_all = ["share", "seed"])]
     scenes: Vec<SceneId>,
     #[command(flatten)]
@@ -114,7 +114,7 @@ pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<
     })
 }
 
-/// Returns the indices of the scenes to trace again, and the seed that chose them.
+/// Returns the indices of the scenes to trace again, and the seed that chose them (`None` with `--scene`).
 fn places(
     args: &AuditArgs,
     run: &Run,
@@ -171,7 +171,7 @@ struct Audited<'a> {
     share: f64,
 }
 
-/// Number of a worker's scenes that differ, and of all its compared scenes.
+/// Makers of some scenes, and the numbers of these scenes that differ and that were compared.
 #[derive(Serialize)]
 struct WorkerAudit {
     worker: String,
@@ -219,7 +219,7 @@ fn workers(audits: &[SceneAudit]) -> Vec<WorkerAudit> {
     workers.into_iter().map(worker).collect()
 }
 
-/// Returns the workers that made a scene. Workers outside a farm write no receipt.
+/// Returns the names of the workers that made a scene. Workers outside a farm write no receipt.
 fn maker(audit: &SceneAudit) -> String {
     let receipt = audit.receipt.as_ref();
     receipt.map_or_else(|| "no receipt".to_owned(), Provenance::makers)

@@ -1,4 +1,4 @@
-//! `completions SHELL`
+//! `completions SHELL`: prints a completion script.
 
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;

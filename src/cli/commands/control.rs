@@ -1,4 +1,4 @@
-//! `pause RUN`, `resume RUN`, `cancel RUN`
+//! `pause RUN`, `resume RUN`, `cancel RUN`: set or remove the run's control object.
 
 use crate::cli::args::{Global, StoreArgs};
 use crate::cli::exit_code::{Exit, Failure};

@@ -1,4 +1,4 @@
-//! `coordinate RUN`
+//! `coordinate RUN`: supplies a farm with tasks and serves the status page.
 
 use crate::cli::args::{FARM, Global, QueueArgs};
 use crate::cli::exit_code::{Exit, Failure, failure};
@@ -115,7 +115,7 @@ fn dry_run(
     Ok(Exit::Done)
 }
 
-/// Reads the secret for the page's buttons. It is no argument, because every user of a machine can see command lines.
+/// Reads the secret for the page's buttons from a file or the environment, because other users can see command lines.
 fn token(args: &CoordinateArgs, output: &Output) -> Result<Option<String>, Failure> {
     let Some(path) = &args.token_file else {
         #[allow(clippy::disallowed_methods, reason = "only cli reads the environment")]

@@ -1,4 +1,4 @@
-//! `doctor [RUN]`
+//! `doctor [RUN]`: checks this machine, a run, a store and a queue.
 
 use crate::cli::args::{FARM, Global, NatsKeys, isa, threads};
 use crate::cli::exit_code::{Exit, Failure};
@@ -84,7 +84,7 @@ struct Found {
     findings: Vec<Finding>,
 }
 
-/// Writes one line per check, with the advice below the line.
+/// Writes a summary, and then the result of each check with the advice below it.
 impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let verdict = match (self.warn, self.fail) {
@@ -116,7 +116,7 @@ impl fmt::Display for Found {
     }
 }
 
-/// Returns the golden shard in the run's spec, and a finding that states whether workers can use the run.
+/// Returns the golden shard of a readable spec, and for an existing run a finding that states whether it is usable.
 fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
     let spec = std::fs::read(folder.join(keys::SPEC)).ok();
     let golden =
@@ -133,7 +133,7 @@ fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
     (golden, Some(finding))
 }
 
-/// Returns the folder itself, or its nearest existing ancestor.
+/// Returns the folder itself or its nearest existing ancestor, or `.` if no ancestor of a relative path exists.
 fn existing(folder: &Path) -> &Path {
     let mut above = folder.ancestors();
     let found = above.find(|folder| folder.is_dir() || folder.as_os_str().is_empty());

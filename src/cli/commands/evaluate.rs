@@ -1,4 +1,4 @@
-//! `evaluate RUN|DIR`
+//! `evaluate RUN|DIR`: scores networks and unchanged pictures.
 
 use crate::cli::args::{Global, SplitName};
 use crate::cli::exit_code::{Exit, Failure, failure};
@@ -26,7 +26,8 @@ pub(super) struct EvaluateArgs {
     /// Folder of a run, or of pairs in blended/ and transmission_layer/, or in the folders of SIR2 or CEILNet
     #[arg(value_name = "RUN|DIR")]
     place: PathBuf,
-    /// Network to score: a folder as for `separate`, and a row name [default: stage and step]; repeatable [default: the run's]
+    /// Network to score: a checkpoint, or a stage or run (its newest checkpoint), and a row name [default: stage and
+    /// step]; repeatable [default: the run's]
     #[arg(long = "checkpoint", value_name = "[NAME=]FOLDER")]
     checkpoints: Vec<String>,
     /// Scenes of a run to score
@@ -41,7 +42,7 @@ pub(super) struct EvaluateArgs {
     /// Fit the input's gain to pairs of this folder, or to this run's train scenes [default: the run's; for pairs: no gain]
     #[arg(long, value_name = "RUN|DIR")]
     fit_gain: Option<PathBuf>,
-    /// Score only the first N pairs
+    /// Score only the first N pairs or scenes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     limit: Option<u32>,
     #[command(flatten)]
@@ -72,7 +73,7 @@ impl From<ProtocolName> for Protocol {
 }
 
 impl EvaluateArgs {
-    /// Returns the arguments that score the networks of a run on its test scenes.
+    /// Returns the arguments that score a run's newest SP-net on its test scenes.
     pub(super) fn of_run(run: &Path) -> Self {
         Self {
             place: run.to_owned(),
@@ -88,7 +89,7 @@ impl EvaluateArgs {
     }
 }
 
-/// Largest number of printed warnings; the files list all.
+/// Largest number of printed warnings; the evaluation lists all pictures that are left out.
 const WARNINGS: usize = 8;
 
 pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -102,7 +103,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Resu
     Ok(exit)
 }
 
-/// Scores the networks of a run on its test scenes.
+/// Scores a run's newest SP-net on its test scenes.
 pub(super) fn evaluate_run(
     run: &Path,
     global: &Global,
@@ -242,7 +243,7 @@ impl<'a> Place<'a> {
         Self {
             folder,
             store,
-            // A run that exists only in the store is copied later.
+            // The spec and manifest of a run that exists only in the store are copied later.
             is_run: is_run(folder) || (store.is_some() && !folder.exists()),
         }
     }
@@ -287,7 +288,6 @@ impl<'a> Place<'a> {
     }
 }
 
-/// Returns the folder of a run's scores.
 pub(super) fn evaluation_folder(run: &Path) -> PathBuf {
     run.join("train").join("evaluation")
 }
@@ -296,7 +296,7 @@ fn is_run(place: &Path) -> bool {
     place.join(keys::SPEC).is_file()
 }
 
-/// Opens the networks to score; fails unless their row names are unique.
+/// Opens the networks to score; fails unless their row names are unique and differ from `input`.
 fn networks(
     args: &EvaluateArgs,
     is_run: bool,
@@ -337,7 +337,7 @@ fn networks(
     Ok(networks)
 }
 
-/// Fits the gain to the pictures of `--fit-gain`, or else to the run's own train scenes.
+/// Fits the gain to the pictures of `--fit-gain`, or to the run's own train scenes; pairs alone have no gain.
 fn gain(
     args: &EvaluateArgs,
     own: &Place,

@@ -1,4 +1,4 @@
-//! `explain RUN SHARD`
+//! `explain RUN SHARD`: describes the state of a scene or shard.
 
 use crate::cli::args::{StoreArgs, parse_scene_id};
 use crate::cli::exit_code::{Exit, Failure};

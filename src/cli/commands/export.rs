@@ -1,4 +1,4 @@
-//! `export RUN`
+//! `export RUN`: writes tuples as a data set.
 
 use crate::cli::args::{Global, SplitName, StoreArgs, threads};
 use crate::cli::exit_code::{Exit, Failure, failure};
@@ -26,7 +26,7 @@ pub(super) struct ExportArgs {
     /// Format of the data set
     #[arg(long, value_enum)]
     format: FormatName,
-    /// Folder of the export: a new one, or one with an unfinished export of the same kind
+    /// Folder of the export: a new or empty one, or one with an export of the same kind, which resumes
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Pixel encoding [default: srgb8; for exr: linear]

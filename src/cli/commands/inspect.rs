@@ -1,4 +1,4 @@
-//! `inspect FILE...`
+//! `inspect FILE...`: describes files and their damage.
 
 use crate::cli::exit_code::Exit;
 use crate::cli::output::Output;

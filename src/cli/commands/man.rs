@@ -14,7 +14,7 @@ use std::path::PathBuf;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct ManArgs {
-    /// Folder for one page per command; without it, the command prints the main page
+    /// Folder for one page per command; without --out, the command prints the main page
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -79,7 +79,7 @@ impl fmt::Display for Written<'_> {
     }
 }
 
-/// Collects file names and pages of a command and its subcommands.
+/// Collects the file names and pages of a command and its visible subcommands.
 fn collect(command: &Command, pages: &mut Vec<(String, String)>) -> Result<(), Failure> {
     let name = Man::new(command.clone()).get_filename();
     pages.push((name, page(command)?));

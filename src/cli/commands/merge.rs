@@ -1,4 +1,4 @@
-//! `merge RUN`
+//! `merge RUN`: merges partials into tuples.
 
 use crate::cli::args::{FARM, Global};
 use crate::cli::exit_code::{Exit, Failure};

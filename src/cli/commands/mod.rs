@@ -1,4 +1,4 @@
-//! The commands. Each file has the arguments and the code of one command.
+//! The commands. Each file or folder has the arguments and the code of one command; `control` has those of three.
 
 mod audit;
 mod bench;
@@ -54,7 +54,7 @@ pub struct Args {
 /// The commands. `--help` lists them in this order.
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Plan, trace, merge and report a recipe on this machine; resumes an unfinished run
+    /// Run all stages of a recipe on this machine, from plan to report; resumes an unfinished run
     #[command(after_help = "Examples:
   glasshouse run manifests/smoke.toml
   glasshouse run manifests/smoke.toml --out runs/again -j 1")]
@@ -73,7 +73,7 @@ enum Command {
   glasshouse plan my.toml --root diode=/data/diode -n --json   # files, bytes, hours
   glasshouse plan my.toml --root diode=/data/diode --skip-invalid --out runs/mine")]
     Plan(plan::PlanArgs),
-    /// Render one scene (a scene file or a tuple.json) to four EXRs and PNGs
+    /// Render one scene (a scene file or a tuple.json) to an EXR and a PNG per layer
     #[command(after_help = "Examples:
   glasshouse render scene.json --out out --spp 1024 -j 2
   glasshouse render runs/smoke/tuples/train-sample-000000/tuple.json --out again")]
@@ -113,7 +113,7 @@ enum Command {
   glasshouse cancel runs/smoke
   glasshouse cancel runs/smoke --json")]
     Cancel(control::HoldArgs),
-    /// Try scenes in quarantine again, or reset scenes and make them again
+    /// Try scenes in quarantine again, or reset scenes so that workers make them again
     #[command(after_help = "Examples:
   glasshouse retry runs/smoke --all
   glasshouse retry runs/smoke --all --json   # or name the scenes")]
@@ -203,7 +203,7 @@ Examples:
   glasshouse report runs/smoke
   glasshouse report runs/smoke --out smoke.html --json")]
     Report(report::ReportArgs),
-    /// Explain files: their kind, their scene, and whether they are intact
+    /// Explain files: their kind, their scene and any damage
     #[command(after_help = "\
 Files are recognised by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints, curves,
 event files, scores, exported archives, report pages, input files; and folders of a run, a tuple, a checkpoint.

@@ -1,4 +1,4 @@
-//! `plan RECIPE --out RUN`
+//! `plan RECIPE --out RUN`: plans a run and estimates its cost.
 
 use crate::bench::calibrate;
 use crate::cli::args::{Global, RootArgs, isa, threads};
@@ -26,7 +26,7 @@ pub(super) struct PlanArgs {
     /// Folder of the run [default: runs/NAME]
     #[arg(long, value_name = "RUN")]
     pub(super) out: Option<PathBuf>,
-    /// Side of a tile, px [default: 64 to 256, so that a shard takes 0.2 s]
+    /// Side of a tile, px [default: 64 to 256, the smallest with shards of 0.2 s]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     pub(super) tile: Option<u32>,
     /// Leave out photographs with unusable files and draw others in their place (for a .jsonl: leave out scenes)
@@ -39,7 +39,7 @@ pub(super) struct PlanArgs {
 /// File of a run with the `[train]` table of the recipe.
 pub(super) const TRAIN_RECIPE: &str = "train.json";
 
-/// Returns the run's folder: `--out`, or `runs/NAME` with the recipe's file name.
+/// Returns the run's folder: `--out`, or `runs/NAME` with the recipe's file name, without its extension.
 pub(super) fn run_folder(args: &PlanArgs) -> PathBuf {
     args.out.clone().unwrap_or_else(|| {
         PathBuf::from("runs").join(args.recipe.file_stem().unwrap_or(args.recipe.as_os_str()))
@@ -80,7 +80,7 @@ pub(super) fn plan_with(
     Ok(planned)
 }
 
-/// Writes the recipe's `[train]` table into the run's folder, for `train`.
+/// Writes the recipe's `[train]` table, if it has one, into the run's folder, for training.
 fn keep_training(args: &PlanArgs) -> Result<(), Failure> {
     let text = std::fs::read_to_string(&args.recipe).unwrap_or_default();
     // A file that is not a recipe is a list of scenes and has no `[train]` table.
@@ -162,7 +162,7 @@ pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<E
 fn try_out(planned: &Planned, run: &Path, isa: Isa) -> Result<Option<Calibration>, Failure> {
     let mut roots = Roots::default();
     for (name, folder) in &planned.spec.roots {
-        // Relative folders are below the run's folder.
+        // Relative paths start at the run's folder.
         let folder = if is_url(folder) { folder.clone() } else { run.join(folder) };
         roots.insert(name, folder)?;
     }

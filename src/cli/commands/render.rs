@@ -1,4 +1,4 @@
-//! `render SCENE.json --out DIR`
+//! `render SCENE.json --out DIR`: renders one scene.
 
 use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
 use crate::cli::exit_code::{Exit, Failure, failure};
@@ -43,7 +43,7 @@ pub(super) struct RenderArgs {
     roots: RootArgs,
 }
 
-/// A scene, the base folder of its paths, and the record of its tuple if it comes from one.
+/// A scene, the base folder and the roots of its paths, and its tuple's record if the scene comes from a tuple.
 struct Source {
     line: SceneLine,
     base: PathBuf,
@@ -114,8 +114,8 @@ fn describe(args: &RenderArgs) -> String {
     format!("cannot render {}", args.scene.display())
 }
 
-/// Reads a scene file or a `tuple.json`. Named roots come from the command line, or from the run that contains the
-/// tuple.
+/// Reads a scene file or a `tuple.json`. Named roots come from the command line and, for a tuple, also from the run
+/// that contains the tuple.
 fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
     let text = std::fs::read_to_string(&args.scene).map_err(|e| {

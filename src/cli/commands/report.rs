@@ -1,4 +1,4 @@
-//! `report RUN`
+//! `report RUN`: writes the report page.
 
 use crate::cli::args::{Global, StoreArgs};
 use crate::cli::exit_code::{Exit, Failure};

@@ -1,4 +1,4 @@
-//! `retry RUN SCENE…`
+//! `retry RUN SCENE…`: takes scenes out of quarantine or resets them.
 
 use crate::cli::args::{Global, StoreArgs, parse_scene_id};
 use crate::cli::exit_code::{Exit, Failure};

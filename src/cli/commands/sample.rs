@@ -1,4 +1,4 @@
-//! `sample DIR --count N`
+//! `sample DIR --count N`: makes procedural photographs.
 
 use crate::cli::args::{Global, threads, typed};
 use crate::cli::exit_code::{Exit, Failure};

@@ -1,4 +1,4 @@
-//! `separate CHECKPOINT IMAGES... --out DIR`
+//! `separate CHECKPOINT IMAGES... --out DIR`: removes reflections from photographs.
 
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure, failure};
@@ -140,7 +140,7 @@ impl fmt::Display for Separated<'_> {
     }
 }
 
-/// Returns the files to write for each image. Fails if two images share a file, or a file is one of the inputs.
+/// Returns the files to write for each image. Fails if two of these files are the same, or one of them is an input.
 fn targets(images: &[PathBuf], out: &Path) -> Result<Vec<[PathBuf; 2]>, Failure> {
     let real = |path: &Path| path.canonicalize().ok();
     let given: BTreeSet<PathBuf> = images.iter().filter_map(|path| real(path)).collect();

@@ -32,7 +32,7 @@ pub(super) struct StatusArgs {
     server: ServerArgs,
 }
 
-/// Largest number of entries of each list: printed, and on the screen of --watch.
+/// Largest number of printed entries of each list; below, the same for the screen of --watch.
 const SHOWN: usize = 20;
 const SHOWN_WATCHING: usize = 6;
 /// Least ratio of the time between polls to the duration of a poll.
@@ -41,7 +41,7 @@ const POLL_SHARE: u32 = 10;
 /// Escape codes that enter and leave the alternate screen, without line wrap and cursor.
 const ENTER: &str = "\x1b[?1049h\x1b[?7l\x1b[?25l";
 const LEAVE: &str = "\x1b[?25h\x1b[?7h\x1b[?1049l";
-/// Escape code that clears the screen.
+/// Escape codes that move the cursor to the top left corner and clear the screen.
 const HOME: &str = "\x1b[H\x1b[2J";
 
 pub(super) fn run(args: &StatusArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -58,7 +58,7 @@ pub(super) fn run(args: &StatusArgs, global: &Global, output: &Output) -> Result
     }
 }
 
-/// Prints the status until the run is over or a signal arrives.
+/// Prints the status until the run is over or a signal arrives; with `-n`, once.
 fn watch(
     args: &StatusArgs,
     run: &Run,
@@ -142,7 +142,7 @@ fn exit(view: &Status) -> Exit {
     }
 }
 
-/// A terminal's alternate screen; dropping it leaves the screen.
+/// A terminal's alternate screen, if it is open; dropping this value leaves the screen.
 struct Screen {
     is_open: bool,
 }

@@ -1,4 +1,4 @@
-//! `train RUN --stage STAGE --steps S`
+//! `train RUN --stage STAGE --steps S`: trains BT-net or SP-net.
 
 use crate::cli::args::{Global, RootArgs};
 use crate::cli::commands::plan::TRAIN_RECIPE;
@@ -266,7 +266,7 @@ pub(super) fn training_of<'a>(
     }
 }
 
-/// Trains a stage, with progress and signals.
+/// Trains a stage; shows its progress and stops on a signal.
 pub(super) fn train(
     training: Training,
     global: &Global,
@@ -309,7 +309,7 @@ fn bytes_of_gb(gb: f64) -> usize {
     (gb.max(0.0) * 1e9) as usize
 }
 
-/// Shows the progress of training.
+/// Watcher that prints the progress of training.
 struct Watch<'a> {
     global: &'a Global,
     output: &'a Output,

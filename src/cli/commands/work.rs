@@ -1,4 +1,4 @@
-//! `work RUN`
+//! `work RUN`: traces and merges scenes, alone, for a farm, or as a worker's child.
 
 use crate::cli::args::{
     CacheArgs, CheckpointArgs, FARM, Global, QueueArgs, RootArgs, isa, parse_duration, threads,
@@ -108,7 +108,7 @@ pub(super) struct How<'a> {
 }
 
 impl<'a> How<'a> {
-    /// Returns the options of `run`: no queue and no faults.
+    /// Returns the options of the command `run`: no deadline, cache, queue or faults.
     pub(super) fn alone(run: &'a Path, roots: &'a [String], checkpoint: Duration) -> Self {
         Self {
             deadline: None,
@@ -156,7 +156,7 @@ fn is_finished(run: &Run) -> Result<bool, Failure> {
     Ok(Snapshot::take(run, &store, Scope::DONE)?.is_finished())
 }
 
-/// Traces and merges a local run, with progress and signals.
+/// Traces and merges a local run; shows the progress and stops on a signal.
 pub(super) fn work_on(
     run: &Run,
     how: &How,
@@ -187,7 +187,7 @@ pub(super) fn work_on(
     Ok((outcome, exit, start.elapsed()))
 }
 
-/// Works on a farm's run until it is over.
+/// Works on a farm's run until the run is over or this worker must stop.
 fn work_for(
     run: &Run,
     store: &Store,

@@ -1,5 +1,5 @@
-//! Progress of a run: finished scenes, their workers, and the rate. A snapshot comes from the store; a refresh reads
-//! only new objects. `status`, the page, metrics, the report, the coordinator and exit codes all use snapshots.
+//! Progress of a run: finished scenes, their workers, and the rate. A snapshot comes from the store; a refresh lists
+//! the keys and reads new objects. `status`, page, metrics, report, coordinator and exit codes all use snapshots.
 //!
 //! `state` defines the states, `refresh` reads the store, `status` computes the numbers.
 
@@ -20,11 +20,11 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
-/// Objects that a snapshot reads in addition to tuples and quarantine records.
+/// Objects that a snapshot covers besides the lists of tuples and receipts, the quarantine records and the control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Scope {
-    /// Record of each tuple, to check that the tuple belongs to this manifest and this version of the tracer. In local
-    /// stores, where reading is cheap, snapshots always check it; in others, they may only check that all files exist.
+    /// Record of each tuple, to check that the tuple belongs to this manifest and this version of the tracer. Snapshots
+    /// of local stores, where reading is cheap, always check it.
     pub records: bool,
     pub partials: bool,
     /// Records of attempts and provenance.
@@ -50,7 +50,7 @@ pub struct Snapshot {
     tuples: Vec<SeenTuple>,
     attempts: BTreeMap<String, SeenAttempt>,
     pub control: Control,
-    /// Number of finished shards at each refresh of the last minutes.
+    /// Time of each refresh of the last minutes, and the number of finished shards.
     history: VecDeque<(Instant, u64)>,
 }
 
@@ -76,7 +76,7 @@ struct Scene {
 
 #[derive(Clone, Copy, Debug)]
 pub struct SeenTuple {
-    /// Index of its scene in the manifest.
+    /// Index of the tuple's scene in the manifest.
     pub scene: usize,
     /// Time when this process first saw the tuple; `None` if the first refresh found it.
     pub seen: Option<Instant>,
@@ -164,7 +164,7 @@ impl Snapshot {
         self.plan.shards[index]
     }
 
-    /// Returns the provenance of the scene's tuple, if the scope includes workers.
+    /// Returns the provenance of the scene's tuple, if it has one and the scope includes workers.
     pub fn provenance(&self, index: usize) -> Option<&Provenance> {
         self.scenes[index].provenance.as_deref()
     }

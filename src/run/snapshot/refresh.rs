@@ -19,7 +19,7 @@ impl Snapshot {
     /// Lists all keys in the scope and reads new objects.
     pub fn refresh(&mut self, run: &Run, store: &Store) -> Result<(), StoreError> {
         self.control = Control::get(store)?;
-        // Attempts come first: a scene that is finished meanwhile drops its attempt, and no attempt is missed.
+        // Attempts come first: if a scene finishes meanwhile, the later list of tuples hides its attempts.
         self.refresh_attempts(store)?;
         self.refresh_receipts(store)?;
         self.refresh_tuples(run, store)?;
@@ -29,9 +29,9 @@ impl Snapshot {
         Ok(())
     }
 
-    /// Like [`Self::refresh`], but finds new tuples by listing receipts (one key per scene), which the workers of a
-    /// farm put after the tuple. Returns true if a receipt or a quarantine record has disappeared, so that
-    /// [`Self::refresh`] is due.
+    /// Like [`Self::refresh`], but ignores partials and finds new tuples by listing receipts (one key per scene), which
+    /// the workers of a farm put after the tuple. Returns true if a receipt or a quarantine record has disappeared, so
+    /// that [`Self::refresh`] is due.
     pub fn refresh_news(&mut self, run: &Run, store: &Store) -> Result<bool, StoreError> {
         self.control = Control::get(store)?;
         self.refresh_attempts(store)?;
@@ -89,7 +89,7 @@ impl Snapshot {
         self.tuples.push(SeenTuple { scene, seen: is_new.then(Instant::now), put });
     }
 
-    /// Lists receipts and reads new ones. Returns true if a receipt has disappeared.
+    /// Lists receipts and, if the scope includes workers, reads new ones. Returns true if a receipt has disappeared.
     fn refresh_receipts(&mut self, store: &Store) -> Result<bool, StoreError> {
         let mut listed = vec![None; self.scenes.len()];
         for (key, put) in store.list_times(keys::RECEIPTS)? {

@@ -1,4 +1,4 @@
-//! States of a scene and of a run, and the number of scenes in each.
+//! States of a scene and of a run, and numbers of scenes and shards.
 
 use crate::run::control::ControlState;
 use serde::Serialize;
@@ -13,7 +13,7 @@ pub enum SceneState {
     Quarantined,
     /// The scene has all partials, but no tuple.
     Complete,
-    /// The scene has some partials, or a worker holds it.
+    /// The scene has some partials or a record of an attempt.
     Begun,
     /// The scene has neither partials nor attempts.
     Waiting,
@@ -80,7 +80,7 @@ pub struct Counts {
     pub scenes: u64,
     /// Number of scenes with a tuple.
     pub merged: u64,
-    /// Number of scenes with partials and no tuple yet.
+    /// Number of scenes with partials that have no tuple and are not in quarantine.
     pub started: u64,
     pub waiting: u64,
     /// Number of shards in the manifest.
@@ -94,7 +94,7 @@ pub struct Counts {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Quarantined {
     pub scene: String,
-    /// The error, its file, and a remedy.
+    /// Error that put the scene into quarantine, such as that of an input file with a remedy.
     pub reason: String,
 }
 

@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant, SystemTime};
 
-/// Time over which rates are means.
+/// Time over which rates are averaged.
 const RATE_OVER: Duration = Duration::from_mins(5);
 
 /// A run's numbers at one moment.
@@ -19,9 +19,9 @@ pub struct Status {
     pub state: RunState,
     /// The user's reason for pausing or cancelling the run.
     pub reason: Option<String>,
-    /// Running and lost attempts at scenes without a tuple.
+    /// Running and failed attempts at scenes without a tuple.
     pub attempts: Vec<StandingAttempt>,
-    /// Workers that made tuples, the busiest first.
+    /// Workers that made tuples, those with the most tuples first.
     pub workers: Vec<WorkerTuples>,
     /// Seconds since the newest tuple was put.
     pub last_tuple_s: Option<f64>,
@@ -31,7 +31,7 @@ pub struct Status {
     pub eta_s: Option<f64>,
 }
 
-/// An attempt that is running or was lost.
+/// An attempt that is running or has failed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StandingAttempt {
     #[serde(flatten)]
@@ -112,7 +112,7 @@ impl Snapshot {
         }
     }
 
-    /// Returns this machine's time, or the time of the newest put if that is later, so that no age is negative.
+    /// Returns this machine's time, or the time of the newest put if that is later, so that tuples have no negative age.
     fn now(&self) -> SystemTime {
         let newest = self.tuples.iter().map(|tuple| tuple.put).max();
         SystemTime::now().max(newest.unwrap_or(SystemTime::UNIX_EPOCH))
@@ -162,7 +162,7 @@ impl Snapshot {
     }
 }
 
-/// Computes recent tuples per second from the ages of all tuples. The first recent tuple only starts the clock.
+/// Computes recent tuples per second from the ages of all tuples. The oldest recent tuple only marks the start.
 fn rate(ages: impl Iterator<Item = Duration>) -> Option<f64> {
     let recent: Vec<Duration> = ages.filter(|age| *age < RATE_OVER).collect();
     let oldest = recent.iter().max()?.as_secs_f64();

@@ -1,4 +1,4 @@
-//! `bench error`
+//! `bench error`: measures the error of renderings against a reference.
 
 use crate::bench::{
     BenchError, ERROR_SCHEMA, ErrorReport, Ladder, VARIANTS, Work, climb, cpu_name, isa_name,
@@ -30,7 +30,7 @@ pub(super) struct BenchErrorArgs {
     /// Folder for error.csv, error.json, error.svg and the rendered reference
     #[arg(long, value_name = "DIR", default_value = "runs/bench-error")]
     out: PathBuf,
-    /// Sample counts to measure, per pixel, powers of two
+    /// Numbers of samples per pixel to measure, powers of two
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = parse_spp,
           default_value = "1,2,4,8,16,32,64,128,256,512,1024")]
     spp: Vec<u32>,
@@ -44,7 +44,7 @@ pub(super) struct BenchErrorArgs {
     roots: RootArgs,
 }
 
-/// Sizes of the photographs and the film of the built-in scene, px.
+/// Width and height of the built-in scene's photographs, px; below, the side of its square film.
 const BUILTIN_SIZE: [u32; 2] = [1024, 768];
 const BUILTIN_FILM_PX: u32 = 256;
 

@@ -45,7 +45,7 @@ pub(super) struct BenchFarmArgs {
     /// Number of shards per scene [default: 16; 64 with --resume and without a mode]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     shards: Option<u32>,
-    /// Seed of the costs, the network's jitter and the choice of donors
+    /// Seed of the costs, the network's jitter, and the choices of donors and of the workers of a share
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u64,
     /// Seconds per shard of the cheapest scenes (± 25 %); the most expensive take sixteen times as long

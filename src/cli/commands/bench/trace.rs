@@ -1,4 +1,4 @@
-//! `bench trace`
+//! `bench trace`: measures the speed of the tracer on one core.
 
 use crate::bench::{
     BenchScene, BuildRow, KernelRow, RayDump, TracerRow, cpu_name, grid_builds, indoor, isa_name,
@@ -38,7 +38,7 @@ pub(super) struct BenchTraceArgs {
 
 const SCHEMA: &str = "glasshouse.bench_trace/1";
 
-/// Sizes of the photographs and the film of the built-in scenes, px.
+/// Width and height of the built-in scenes' photographs, px; below, the side of their square films.
 const BUILTIN_SIZE: [u32; 2] = [1024, 768];
 const BUILTIN_FILM_PX: u32 = 256;
 

@@ -1,4 +1,4 @@
-//! `bench train`
+//! `bench train`: measures a training step.
 
 use crate::bench::{TrainBench, TrainStep, cpu_name, on_cpu};
 use crate::cli::args::Global;
@@ -160,12 +160,12 @@ impl fmt::Display for Report {
     }
 }
 
-/// Returns the step with the least value of a measure.
+/// Returns the step with the least value of a measure; `None` without steps.
 fn least(steps: &[TrainStep], of: fn(&TrainStep) -> f64) -> Option<&TrainStep> {
     steps.iter().min_by(|a, b| of(a).total_cmp(&of(b)))
 }
 
-/// Returns the peak memory of this process, if the system reports it.
+/// Returns the peak memory of this process, bytes, if the system reports it.
 fn peak_memory_bytes() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -1,4 +1,4 @@
-//! `run RECIPE`: plans, traces, trains and reports on this machine.
+//! `run RECIPE`: plans, traces, merges, trains, evaluates and reports on this machine.
 
 #[cfg(feature = "train")]
 mod training;
@@ -47,7 +47,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     let store = Store::local(&folder)?;
     let mut report = None;
     if outcome.merged > 0 {
-        // Training takes long: an early report lets the user look at the tuples meanwhile.
+        // Training takes a long time: an early report lets the user look at the tuples meanwhile.
         report = Some(write_report(&run, &store, None)?);
     }
     let mut exit = exit;

@@ -15,7 +15,7 @@ use std::fmt;
 use std::path::Path;
 use train::{Evaluation, TrainSummary, Training};
 
-/// The result of training.
+/// Summaries of the trained stages, and the scores.
 #[derive(Serialize)]
 pub(super) struct Trained {
     #[serde(flatten)]
@@ -55,7 +55,7 @@ impl fmt::Display for Trained {
     }
 }
 
-/// Trains both stages and scores the networks; returns `None` if the recipe has no `[train]` table.
+/// Trains the stages that have steps in the recipe, and scores the newest SP-net; returns `None` without `[train]`.
 pub(super) fn training(
     folder: &Path,
     run: &Run,
@@ -94,7 +94,7 @@ pub(super) fn training(
     Ok(Some(trained))
 }
 
-/// Reads the scores of an earlier call.
+/// Reads the scores of an earlier call; `None` if files are missing or the scores are incomplete.
 fn earlier_scores(run: &Path) -> Option<Scores> {
     let file = |ending: &str| {
         std::fs::read_to_string(evaluation_folder(run).join(format!("evaluation.{ending}")))
