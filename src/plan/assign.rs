@@ -55,7 +55,7 @@ pub(crate) struct Drawn {
     pub same_scan: bool,
 }
 
-/// Returns the name that excludes a photograph: `SOURCE:PATH`, with the path of the colour image.
+/// Returns the name under which a photograph is excluded: `SOURCE:PATH`, with the path of the colour image.
 pub(crate) fn photograph_name(source: &str, image: &SourceImage) -> String {
     format!("{source}:{}", image.color)
 }

@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_on_disk_is_walked_in_order() {
+    fn a_folder_on_disk_is_listed_in_order() {
         let dir = tempfile::tempdir().unwrap();
         let error = index_source("diode", dir.path()).unwrap_err().to_string();
         assert!(error.contains("pass --root diode=DIR"), "{error}");

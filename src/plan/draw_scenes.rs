@@ -1,5 +1,5 @@
 //! Draws all scenes of a recipe. If the recipe needs previews, computes exposures and white balance from a preview of
-//! each scene, and draws scenes outside the recipe's `[reject]` bounds again.
+//! each scene, and draws a scene again if it is black, cannot be assembled or violates the recipe's `[reject]` bounds.
 
 use super::assign::{Assignment, Drawn};
 use super::diode::SourceImage;
@@ -27,14 +27,14 @@ const PREVIEWS_PER_PAIR: u32 = 4;
 pub struct RejectedScene {
     /// Id of the scene.
     pub id: String,
-    /// Number of the draw.
+    /// Number of the draw, from 0.
     pub attempt: u32,
     /// `scene` (the scene cannot be assembled), `black`, or a measure of `[reject]`.
     pub rule: String,
     pub reason: String,
-    /// Path of the front's image.
+    /// Path of the front's image or mesh.
     pub front: String,
-    /// Path of the back's image.
+    /// Path of the back's image or mesh.
     pub back: String,
 }
 

@@ -25,7 +25,7 @@ pub enum LuminanceScale {
     #[default]
     Stored,
     /// The values of the file, scaled to a geometric mean luminance of 0.18. Photographs have individual exposures, so
-    /// the recipe's exposures of front and back determine their ratio only on a common scale.
+    /// the recipe's exposures determine the ratio of front and back only on a common scale.
     Metered,
 }
 
@@ -50,7 +50,7 @@ pub enum WhiteBalance {
 pub struct AutoExposure {
     /// Percentile of the largest channel of each pixel: above 0, at most 100.
     pub percentile: f64,
-    /// Linear value that the exposure gives this percentile: above 0. 8-bit pictures clip at 1.
+    /// Linear value that the exposure assigns to this percentile: above 0. 8-bit pictures clip at 1.
     pub level: f64,
 }
 
@@ -116,7 +116,7 @@ pub(crate) fn illuminant(kelvin: f64) -> [f64; 3] {
     ]
 }
 
-/// Computes the gains that make `color` grey without changing green, as in cameras. All channels are above 0.
+/// Computes the gains that make `color` grey without changing green, as in cameras. All channels must be above 0.
 pub(crate) fn gains_against(color: [f64; 3]) -> [f64; 3] {
     color.map(|channel| nine_digits(color[1] / channel))
 }

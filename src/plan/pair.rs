@@ -32,8 +32,8 @@ impl Pair<'_> {
 }
 
 /// Makes `count` pairs from the two or more photographs of `subset`: an indoor and an outdoor one if both exist, else
-/// two of different scans if possible. Uses all photographs of a place equally often as front and as back.
-///
+/// two of different scans if possible. Uses all photographs of a place equally often as front and as back, unless all
+/// are of one place and most are of one scan.
 /// The shuffles depend on `key` and the seed.
 pub(super) fn pairs<'a>(
     dataset_seed: u64,
@@ -61,7 +61,7 @@ pub(super) fn pairs<'a>(
     }
 }
 
-/// Makes `count` pairs with fronts from one source and backs from another. Uses all photographs equally often.
+/// Makes `count` pairs with fronts from one source and backs from another. Uses the photographs of each equally often.
 pub(super) fn pairs_between<'a>(
     dataset_seed: u64,
     key: [&str; 2],

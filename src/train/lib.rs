@@ -1,4 +1,4 @@
-//! Trains networks for reflection removal on tuples.
+//! Trains networks for reflection removal on tuples, real pairs or mixed photographs.
 //!
 //! ```text
 //! source (tuples, photographs, pairs) -> example_sampler (order, crops) -> loader (reads ahead) -> batch
@@ -14,7 +14,7 @@
 //! run, resume       a stage's training in a run's folder, resumed from its checkpoints
 //! ```
 //!
-//! The weights depend on the settings, the scenes and the CPU's instruction set, not on threads, time or interruptions.
+//! The weights depend on the settings, the data and the CPU's instruction set, not on threads, time or interruptions.
 
 pub mod ops;
 

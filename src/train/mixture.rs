@@ -17,7 +17,7 @@ pub use zhang::{ZhangDraw, zhang};
 
 use super::{Picture, Stream};
 
-/// A mixed pair; sRGB codes from 0 to 1.
+/// A mixed pair as sRGB codes from 0 to 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mixture {
     pub input: Picture,
