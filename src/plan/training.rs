@@ -124,7 +124,7 @@ pub struct TrainSettings {
     pub pixels: PixelSource,
     /// Share of steps with real photographs, from 0 to 1.
     pub real_share: f64,
-    /// True to wait for missing tuples; the first epoch then follows the manifest's order, in which a farm renders scenes.
+    /// True to wait for missing tuples; the first epoch then uses the manifest's order, in which a farm renders scenes.
     pub follow: bool,
 }
 

@@ -28,7 +28,7 @@ pub struct GeneratorOptions {
 }
 
 pub struct Generator {
-    /// The first kernel is (width, inputs, 1, 1), for features from coarse to fine and RGB; others are (width, width, 3, 3).
+    /// The first kernel is (width, inputs, 1, 1), for coarse to fine features and RGB; others are (width, width, 3, 3).
     kernels: Vec<Var>,
     /// Parameters of each layer's adaptive norm, `by_itself x + by_norm (norm(x) + offset)`.
     by_itself: Vec<Var>,
