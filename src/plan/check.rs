@@ -26,7 +26,7 @@ const SHOWN: usize = 20;
 pub struct InvalidInput {
     /// Path as in the scene lines.
     pub path: String,
-    /// The problem and its remedy.
+    /// Description of the problem, in some cases with a remedy.
     pub problem: String,
     /// Scenes that need the file.
     pub scenes: Vec<SceneId>,
@@ -92,7 +92,7 @@ impl<'a> Checker<'a> {
         paths.len()
     }
 
-    /// Returns the total size of those files of the scenes that are checked and usable, bytes.
+    /// Returns the total size of the checked and usable files of the scenes, bytes.
     pub(super) fn bytes(&self, lines: &[SceneLine]) -> u64 {
         let mut sizes = BTreeMap::new();
         for (path, role) in lines.iter().flat_map(files_of) {
@@ -161,7 +161,7 @@ impl<'a> Checker<'a> {
         };
         match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
             Ok(pool) => pool.install(look),
-            // The system cannot start threads: run in the caller's pool.
+            // If the system cannot start threads, the caller's pool does the work.
             Err(_) => look(),
         }
     }

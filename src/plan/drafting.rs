@@ -97,7 +97,7 @@ fn read(source: &Path, request: &Request) -> Result<Content, DraftError> {
 }
 
 /// Draws scenes and leaves out photographs or scenes until no scene needs an invalid file, unless the request keeps
-/// them. The inner error is the remedy; `None` stands for `--skip-invalid`.
+/// such scenes. The inner error is the remedy; `None` stands for `--skip-invalid`.
 fn choose(
     source: &Path,
     content: &Content,

@@ -25,7 +25,7 @@ const PREVIEWS_PER_PAIR: u32 = 4;
 /// A rejected draw of a scene: one line of `RUN/rejected.jsonl`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RejectedScene {
-    /// Id of the scene.
+    /// Id of the scene in the manifest.
     pub id: String,
     /// Number of the draw, from 0.
     pub attempt: u32,
@@ -110,7 +110,7 @@ fn preview_all(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(context.threads);
     let kept = match pool.build() {
         Ok(pool) => pool.install(all),
-        // The system cannot start threads: run in the caller's pool.
+        // If the system cannot start threads, the caller's pool does the work.
         Err(_) => all(),
     };
     let mut scenes = DrawnScenes { expansion: Expansion::default(), rejected: Vec::new() };
@@ -150,7 +150,7 @@ fn preview_scene(
         };
         if files.as_ref().is_none_or(|(of, _)| *of != change) {
             let read = read_files_by(&drawn.line, context.roots, context.base, context.read);
-            // The plan keeps a scene with unreadable files; loading it for tracing quarantines it with the reason.
+            // The plan keeps a scene with unreadable files; the worker that loads the scene quarantines it.
             let Ok(read) = read else {
                 return kept(drawn, rejected);
             };

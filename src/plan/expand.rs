@@ -22,7 +22,7 @@ const MAX_ATTEMPTS: u32 = 100;
 pub(crate) struct Expansion {
     /// Lines in the order of the recipe's splits, then of the keys of `pairs`.
     pub lines: Vec<SceneLine>,
-    /// Number of scenes with two indoor or two outdoor photographs, for lack of others.
+    /// Number of scenes with two indoor or two outdoor photographs of one source, for lack of others.
     pub same_place: u32,
     /// Number of scenes with two photographs of one scan, for lack of others.
     pub same_scan: u32,

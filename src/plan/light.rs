@@ -62,7 +62,7 @@ pub struct RejectRecipe {
     pub reflected_share: Option<[f64; 2]>,
     /// Standard deviation of R~'s luminance divided by the mean luminance of I: `[least, most]`. It is low for a veil.
     pub contrast: Option<[f64; 2]>,
-    /// Largest share of pixels of I with a channel of 1 or more.
+    /// Largest allowed share of pixels of I with a channel of 1 or more.
     pub clipped_share: Option<f64>,
     /// Structural similarity of I and T (sRGB-coded grey, 7 x 7 px): `[least, most]`.
     pub ssim: Option<[f64; 2]>,

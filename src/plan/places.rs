@@ -48,7 +48,7 @@ pub struct Category {
 pub enum DepthRangesError {
     #[error("{0}")]
     Toml(#[from] Box<toml::de::Error>),
-    /// Another schema, or another version of it.
+    /// A schema other than [`DEPTH_RANGES_SCHEMA`].
     #[error("its schema is {0:?}, but must be \"glasshouse.depth_ranges/1\"")]
     Schema(String),
     #[error("it names no category: add [category.NAME] with place, range and why")]

@@ -22,7 +22,7 @@ pub const RECIPE_SCHEMA: &str = "glasshouse.recipe/1";
 pub struct Recipe {
     /// Always [`RECIPE_SCHEMA`].
     pub schema: String,
-    /// Name of the data set: `[A-Za-z0-9_-]+`.
+    /// Name of the data set: 1 to 128 characters of `[A-Za-z0-9_-]`.
     pub name: String,
     /// Dataset seed of all draws, pairs and splits. Default 2020.
     #[serde(default = "default_seed")]

@@ -34,7 +34,7 @@ impl fmt::Display for Layout {
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Source {
-    /// Layout of the files.
+    /// Layout of the folders and file names.
     pub layout: Layout,
     /// Folder relative to the recipe; `--root NAME=DIR` overrides it. Default: the source's name. Not for `sample`.
     pub root: Option<String>,

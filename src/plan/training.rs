@@ -49,7 +49,7 @@ pub enum ExampleKind {
     Ceilnet,
 }
 
-/// Files of a tuple that have the pixels for training.
+/// Files of a tuple that contain the pixels for training.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PixelSource {
@@ -64,7 +64,7 @@ pub enum PixelSource {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Start {
-    /// Each convolution except the last copies its first channels (Zhang et al.).
+    /// Each convolution except the last copies the first input channels (Zhang et al.).
     #[default]
     Identity,
     /// Each convolution except the last has normal weights with standard deviation sqrt(2 / inputs) (He et al.).
@@ -110,17 +110,17 @@ pub struct TrainSettings {
     pub learning_rate: f64,
     /// Weight of the mean absolute differences. The paper does not state a value.
     pub pixel_weight: f64,
-    /// Weight of the feature losses (the paper's).
+    /// Weight of the feature losses; 0.2 in the paper.
     pub feature_weight: f64,
     /// Weight of the adversarial losses; 0 omits the discriminators. Zhang et al. use 1 with 100 for all other losses.
     pub adversarial_weight: f64,
-    /// Number of steps between updates of the discriminators (Zhang et al.).
+    /// Number of steps between updates of the discriminators; 2 in Zhang et al.
     pub discriminator_every: u64,
     /// True if SP-net also gets the gradients of the a priori loss, through BT-net.
     pub a_priori: bool,
     /// Source of the examples.
     pub examples: ExampleKind,
-    /// Files that have the pixels.
+    /// Files of a tuple that contain the pixels.
     pub pixels: PixelSource,
     /// Share of steps with real photographs, from 0 to 1.
     pub real_share: f64,
@@ -164,7 +164,7 @@ pub struct SettingError {
 }
 
 impl TrainSettings {
-    /// Checks all ranges.
+    /// Checks the ranges of all settings.
     pub fn validate(&self) -> Result<(), SettingError> {
         let refuse = |name, value: String, expected| Err(SettingError { name, value, expected });
         let sizes = [

@@ -24,7 +24,7 @@ pub enum EvaluationError {
 
 #[derive(Clone, Debug, Serialize)]
 pub struct ScoredNetwork {
-    /// Name of the network's row.
+    /// Name of the network's row in the table.
     pub method: String,
     /// Folder of the checkpoint.
     pub path: PathBuf,

@@ -47,12 +47,12 @@ pub enum MixtureError {
     TooLarge { columns: usize, rows: usize },
 }
 
-/// Recipe of mixtures.
+/// Published method of mixing two pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MixtureRecipe {
-    /// Recipe of [`zhang`].
+    /// The method of Zhang, Ng and Chen: [`zhang`].
     Zhang,
-    /// Recipe of [`ceilnet`].
+    /// The method of Fan et al.: [`ceilnet`].
     Ceilnet,
 }
 

@@ -145,7 +145,7 @@ impl TupleSource {
                 continue;
             }
             let (key, bytes) = self.file(line, &format!("{name}.png"))?;
-            // PNG has its own checksums.
+            // PNG has its own checksums, so no digest is compared.
             let picture = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
                 .map_err(|e| damaged(&key, &e))?
                 .into_rgb8();

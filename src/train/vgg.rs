@@ -8,7 +8,7 @@ use std::collections::HashMap;
 /// Indices of the convolutions in torchvision's `vgg19().features`; a ReLU follows each.
 pub const VGG_PLACES: [usize; 14] = [0, 2, 5, 7, 10, 12, 14, 16, 19, 21, 23, 25, 28, 30];
 
-/// Output channels of these convolutions.
+/// Numbers of output channels of the convolutions in [`VGG_PLACES`].
 pub const VGG_WIDTHS: [usize; 14] =
     [64, 64, 128, 128, 256, 256, 256, 256, 512, 512, 512, 512, 512, 512];
 

@@ -98,7 +98,7 @@ fn plain_camera(line: &SceneLine) -> SceneLine {
     line
 }
 
-/// Computes the geometric mean luminance of one side's pixels (for a mesh: its vertices), as a light meter does.
+/// Computes the geometric mean luminance of one side's pixels (for a mesh: its vertices).
 fn mean_luminance(side: &Decoded) -> f64 {
     let radiance = match side {
         Decoded::Sheet(sheet) => &sheet.radiance,
