@@ -55,7 +55,7 @@ impl Discriminator {
         Self { slope, ..self }
     }
 
-    /// Computes logits (batch, 1, ...) for an image and one of its layers, both (batch, 3, ...). Above 0, they mean real.
+    /// Computes logits (batch, 1, ...), above 0 if real, of an image and one of its layers, both (batch, 3, ...).
     pub fn forward(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
         self.forward_by(image, layer_of_it, learning)
     }
