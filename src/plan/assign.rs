@@ -1,4 +1,4 @@
-//! Assigns ids, front and back photographs to scenes, and substitutes for excluded photographs.
+//! Assigns ids and photographs (front and back) to scenes, and replaces excluded photographs.
 
 use super::diode::SourceImage;
 use super::draw::keyed;
@@ -55,14 +55,14 @@ pub(crate) struct Drawn {
     pub same_scan: bool,
 }
 
-/// Returns the name that excludes a photograph: `SOURCE:PATH`, with the path of the colour image.
+/// Returns the name under which a photograph is excluded: `SOURCE:PATH`, with the path of the colour image.
 pub(crate) fn photograph_name(source: &str, image: &SourceImage) -> String {
     format!("{source}:{}", image.color)
 }
 
 impl<'a> Assignment<'a> {
     /// Splits and pairs all photographs. [`Self::draw`] replaces those in `excluded` (see [`photograph_name`]) later,
-    /// so that excluding a photograph changes only its own scenes.
+    /// so that excluding a photograph changes only the scenes that use it.
     pub(crate) fn new(
         recipe: &'a Recipe,
         sources: &'a BTreeMap<String, Vec<SourceImage>>,
@@ -117,7 +117,7 @@ impl<'a> Assignment<'a> {
     }
 
     /// Returns the photographs of a scene: the assigned ones, or two others if `change` is above 0. Replaces an
-    /// excluded photograph by another of its subset.
+    /// excluded photograph with another of its subset.
     fn pair(&self, scene: &AssignedScene<'a>, change: u32) -> Result<Pair<'a>, RecipeError> {
         let is_out = |side: usize, image: &SourceImage| {
             self.excluded.contains(&photograph_name(scene.sources[side], image))

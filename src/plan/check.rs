@@ -26,7 +26,7 @@ const SHOWN: usize = 20;
 pub struct InvalidInput {
     /// Path as in the scene lines.
     pub path: String,
-    /// The problem and its remedy.
+    /// Description of the problem, in some cases with a remedy.
     pub problem: String,
     /// Scenes that need the file.
     pub scenes: Vec<SceneId>,
@@ -58,13 +58,13 @@ pub fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
 enum Checked {
     Sound {
         bytes: u64,
-        /// Width and height of an image.
+        /// Width and height of an image, px; `None` for a mesh.
         size: Option<[usize; 2]>,
     },
     Wrong(String),
 }
 
-/// A checker of input files. It keeps the results, so that it reads each file only once.
+/// A checker of input files. It keeps the results, so that each file is read only once per role.
 pub(super) struct Checker<'a> {
     roots: Roots,
     own: BTreeSet<&'a str>,
@@ -92,7 +92,7 @@ impl<'a> Checker<'a> {
         paths.len()
     }
 
-    /// Returns the total size of the scenes' files, bytes.
+    /// Returns the total size of the checked and usable files of the scenes, bytes.
     pub(super) fn bytes(&self, lines: &[SceneLine]) -> u64 {
         let mut sizes = BTreeMap::new();
         for (path, role) in lines.iter().flat_map(files_of) {
@@ -161,7 +161,7 @@ impl<'a> Checker<'a> {
         };
         match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
             Ok(pool) => pool.install(look),
-            // The system cannot start threads: run in the caller's pool.
+            // If the system cannot start threads, the caller's pool does the work.
             Err(_) => look(),
         }
     }

@@ -40,7 +40,7 @@ enum Scenes {
     Lines(Vec<SceneLine>),
 }
 
-/// Scenes of a plan, with notes.
+/// Scenes of a plan, with notes, rejected draws and procedural photographs.
 pub(super) struct Draft {
     pub(super) lines: Vec<SceneLine>,
     pub(super) notes: Vec<String>,

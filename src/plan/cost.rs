@@ -12,7 +12,7 @@ const PARTIAL_BYTES: f64 = 144.0;
 const HALF_LAYER_BYTES: f64 = 5.3;
 /// Bytes per pixel of one layer with single floats in `tuple.exr`. The smoke recipe gave 12.1.
 const FLOAT_LAYER_BYTES: f64 = 13.0;
-/// Other bytes per scene: its manifest line, `tuple.json`, the receipt.
+/// Other bytes per scene: its manifest line, `tuple.json` and the receipt.
 const SCENE_BYTES: f64 = 6_000.0;
 /// Approximate seconds of one core to read and decode two photographs, used without a calibration.
 const SECONDS_PER_LOAD: f64 = 0.07;
@@ -44,7 +44,7 @@ pub struct Estimate<'a> {
     pub is_made: bool,
     /// Free space on the run's disk; `None` if unknown.
     pub disk_available_bytes: Option<u64>,
-    /// Measured rates; `None` assumes a typical machine.
+    /// Measured rates; `None` stands for those of a typical machine.
     pub calibration: Option<Calibration>,
 }
 

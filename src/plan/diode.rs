@@ -1,4 +1,4 @@
-//! Lists the photographs of a DIODE folder, or of a procedural set in its layout.
+//! Lists the photographs of a DIODE folder, or of a procedural set in DIODE's layout.
 //!
 //! ```text
 //! [train|val/](indoors|outdoor)/scene_NNNNN/scan_NNNNN/NAME{.png,_depth.npy,_depth_mask.npy}
@@ -96,7 +96,7 @@ pub(crate) fn index_source(name: &str, folder: &Path) -> Result<Index, IndexErro
     index_paths(name, folder, &files_below(name, folder, may_hold_photographs)?)
 }
 
-/// Finds the photographs of the source `name` among `paths`, which are relative to `folder`, with `/`.
+/// Finds the photographs of the source `name` among `paths`, which are relative to `folder`, with `/` as separator.
 pub(crate) fn index_paths(
     name: &str,
     folder: &Path,
@@ -113,7 +113,7 @@ pub(crate) fn index_paths(
     Ok(index)
 }
 
-/// Lists all files below `folder`, in the folders that `enters` accepts, as relative paths with `/`. Follows links.
+/// Lists all files below `folder`, in the folders that `enters` accepts, as relative paths (with `/`). Follows links.
 /// Skips names that are not UTF-8, because no layout has such names.
 pub(super) fn files_below(
     name: &str,
@@ -157,7 +157,7 @@ fn place(folder: &str) -> Option<Place> {
     [Place::Indoors, Place::Outdoor].into_iter().find(|place| place.name() == folder)
 }
 
-/// Finds the photographs among `paths`, which are relative to the source's root, with `/`.
+/// Finds the photographs among `paths`, which are relative to the source's root, with `/` as separator.
 pub(crate) fn from_paths(paths: &[String]) -> Index {
     let sorted: BTreeSet<&str> = paths.iter().map(String::as_str).collect();
     let mut index = Index::default();
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_on_disk_is_walked_in_order() {
+    fn a_folder_on_disk_is_listed_in_order() {
         let dir = tempfile::tempdir().unwrap();
         let error = index_source("diode", dir.path()).unwrap_err().to_string();
         assert!(error.contains("pass --root diode=DIR"), "{error}");

@@ -18,7 +18,7 @@ pub struct Drafted {
     /// Root folders; relative paths are below the run's folder.
     pub roots: BTreeMap<String, PathBuf>,
     pub lines: Vec<SceneLine>,
-    /// Remarks for the user: images without depth, pairs of one place or scan, repeated draws.
+    /// Remarks for the user, such as images without depth, pairs of one place or scan, rejected previews.
     pub notes: Vec<String>,
     /// Draws that the previews rejected.
     pub rejected: Vec<RejectedScene>,
@@ -96,8 +96,8 @@ fn read(source: &Path, request: &Request) -> Result<Content, DraftError> {
     }
 }
 
-/// Draws scenes and leaves out photographs until no scene needs an invalid file. The inner error is a remedy other than
-/// `--skip-invalid`.
+/// Draws scenes and leaves out photographs or scenes until no scene needs an invalid file, unless the request keeps
+/// such scenes. The inner error is the remedy; `None` stands for `--skip-invalid`.
 fn choose(
     source: &Path,
     content: &Content,
@@ -114,7 +114,7 @@ fn choose(
         let mut check = |lines: &[SceneLine]| {
             if request.checks_files { checker.check(lines) } else { Ok(Vec::new()) }
         };
-        // Check files before previews: previews take longer and may draw other photographs.
+        // Files are checked before previews, because previews take longer and may draw other photographs.
         let first = match content.first_lines(left_out) {
             Err(error) if !invalid.is_empty() => {
                 let remedy = format!("correct them: the recipe cannot do without them ({error})");

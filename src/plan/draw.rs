@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 pub(crate) struct Draw<'a> {
     pub dataset_seed: u64,
     pub scene: &'a str,
-    /// Number of earlier draws of this scene that failed the geometry check.
+    /// Number of earlier draws of this scene that failed the geometry check or were rejected.
     pub attempt: u32,
     /// Values of the photographs' records by parameter, for [`Param::FromSource`].
     pub values: &'a BTreeMap<String, f64>,
@@ -24,7 +24,7 @@ impl Draw<'_> {
         (bits >> 11) as f64 / TWO_TO_53
     }
 
-    /// Draws a value of `param`, rounded by [`nine_digits`].
+    /// Draws a value of `param`; rounds values of continuous distributions by [`nine_digits`].
     pub(crate) fn value(&self, parameter: &str, param: &Param) -> f64 {
         let (least, most) = param.bounds();
         let drawn = match param {
@@ -95,7 +95,7 @@ pub(crate) fn nine_digits(value: f64) -> f64 {
 
 fn truncated_normal(unit: f64, normal: &Normal) -> f64 {
     let (mut a, mut b) = normal.standardised();
-    // In the upper tail the distribution function is too close to 1 to resolve values: mirror it.
+    // In the upper tail, the distribution function is too close to 1 to resolve values, so the interval is mirrored.
     let sign = if a > 0.0 { -1.0 } else { 1.0 };
     if sign < 0.0 {
         (a, b) = (-b, -a);

@@ -1,5 +1,5 @@
 //! Draws all scenes of a recipe. If the recipe needs previews, computes exposures and white balance from a preview of
-//! each scene, and draws scenes outside the recipe's `[reject]` bounds again.
+//! each scene, and draws a scene again if it is black, cannot be assembled or violates the recipe's `[reject]` bounds.
 
 use super::assign::{Assignment, Drawn};
 use super::diode::SourceImage;
@@ -25,16 +25,16 @@ const PREVIEWS_PER_PAIR: u32 = 4;
 /// A rejected draw of a scene: one line of `RUN/rejected.jsonl`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RejectedScene {
-    /// Id of the scene.
+    /// Id of the scene in the manifest.
     pub id: String,
-    /// Number of the draw.
+    /// Number of the draw, from 0.
     pub attempt: u32,
     /// `scene` (the scene cannot be assembled), `black`, or a measure of `[reject]`.
     pub rule: String,
     pub reason: String,
-    /// Path of the front's image.
+    /// Path of the front's image or mesh.
     pub front: String,
-    /// Path of the back's image.
+    /// Path of the back's image or mesh.
     pub back: String,
 }
 
@@ -110,7 +110,7 @@ fn preview_all(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(context.threads);
     let kept = match pool.build() {
         Ok(pool) => pool.install(all),
-        // The system cannot start threads: run in the caller's pool.
+        // If the system cannot start threads, the caller's pool does the work.
         Err(_) => all(),
     };
     let mut scenes = DrawnScenes { expansion: Expansion::default(), rejected: Vec::new() };
@@ -150,7 +150,7 @@ fn preview_scene(
         };
         if files.as_ref().is_none_or(|(of, _)| *of != change) {
             let read = read_files_by(&drawn.line, context.roots, context.base, context.read);
-            // The plan keeps a scene with unreadable files; loading it for tracing quarantines it with the reason.
+            // The plan keeps a scene with unreadable files; the worker that loads the scene quarantines it.
             let Ok(read) = read else {
                 return kept(drawn, rejected);
             };

@@ -22,7 +22,7 @@ const MAX_ATTEMPTS: u32 = 100;
 pub(crate) struct Expansion {
     /// Lines in the order of the recipe's splits, then of the keys of `pairs`.
     pub lines: Vec<SceneLine>,
-    /// Number of scenes with two indoor or two outdoor photographs, for lack of others.
+    /// Number of scenes with two indoor or two outdoor photographs of one source, for lack of others.
     pub same_place: u32,
     /// Number of scenes with two photographs of one scan, for lack of others.
     pub same_scan: u32,
@@ -49,7 +49,7 @@ pub(crate) fn expand(
 }
 
 /// Draws all scenes of `recipe` from the photographs of its `sources`, without those named in `excluded`
-/// (`SOURCE:PATH` of the colour image). Pure; excluding a photograph changes only its own scenes.
+/// (`SOURCE:PATH` of the colour image). Excluding a photograph changes only the scenes that use it.
 pub(crate) fn expand_counted(
     recipe: &Recipe,
     sources: &BTreeMap<String, Vec<SourceImage>>,
@@ -113,7 +113,7 @@ pub(super) fn draw_line(
         line.camera.white_balance = white_balance;
         line.glass = glass(recipe, draw_of(attempt));
         line.validate().map_err(|source| RecipeError::Line { id: id.clone(), source })?;
-        // The distance of a focus on a photograph is known after loading the scene, which checks the geometry again.
+        // The distance of a focus on a photograph is known only after loading, which checks the geometry again.
         let inverse_focus_distance_per_m = match line.camera.focus {
             Focus::Distance { distance_m } => 1.0 / distance_m,
             Focus::At { .. } => 0.0,

@@ -16,7 +16,7 @@ pub enum FocusRecipe {
     Glass,
     /// `"infinity"`: objects at infinity.
     Infinity,
-    /// `{ choice = [..] }`: a list of words and metres with equal probabilities.
+    /// `{ choice = [..] }`: a list of words and distances (m) with equal probabilities.
     Choice(Vec<FocusRecipe>),
     /// A distance from the lens, m.
     DistanceM(Param),

@@ -6,12 +6,12 @@
 //! split -> pair -> assign                         photographs to splits, pairs and scenes; substitutes for excluded ones
 //! draw, source_values, sections -> expand         random numbers, values of photographs; scene lines
 //! preview, draw_scenes                            previews for exposure, white balance and rejection
-//! procedural_inputs                               procedural photographs of a recipe
-//! request, check, content -> drafting             a recipe or manifest -> checked scenes: the entry point, `draft`
+//! procedural_inputs, cost                         procedural photographs of a recipe; bytes and core time of a run
+//! inputs, request, check, content -> drafting     a recipe or manifest -> checked scenes: the entry point, `draft`
 //! ```
 //!
-//! All modules are pure, except the listings (`diode`, `places`), `check`, `content`, `drafting`, `draw_scenes` and
-//! `procedural_inputs`, which read and write files. The trait `InputFiles` reads files in stores.
+//! All modules are pure, except the listings (`diode`, `places`), `check`, `content`, `drafting`, `draw_scenes`,
+//! `inputs` and `procedural_inputs`, which read or write files. The trait `InputFiles` also reads files in stores.
 
 mod assign;
 mod check;

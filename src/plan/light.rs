@@ -25,7 +25,7 @@ pub enum LuminanceScale {
     #[default]
     Stored,
     /// The values of the file, scaled to a geometric mean luminance of 0.18. Photographs have individual exposures, so
-    /// the recipe's exposures of front and back determine their ratio only on a common scale.
+    /// the recipe's exposures determine the ratio of front and back only on a common scale.
     Metered,
 }
 
@@ -50,7 +50,7 @@ pub enum WhiteBalance {
 pub struct AutoExposure {
     /// Percentile of the largest channel of each pixel: above 0, at most 100.
     pub percentile: f64,
-    /// Linear value that the exposure gives this percentile: above 0. 8-bit pictures clip at 1.
+    /// Linear value that the exposure assigns to this percentile: above 0. 8-bit pictures clip at 1.
     pub level: f64,
 }
 
@@ -62,7 +62,7 @@ pub struct RejectRecipe {
     pub reflected_share: Option<[f64; 2]>,
     /// Standard deviation of R~'s luminance divided by the mean luminance of I: `[least, most]`. It is low for a veil.
     pub contrast: Option<[f64; 2]>,
-    /// Largest share of pixels of I with a channel of 1 or more.
+    /// Largest allowed share of pixels of I with a channel of 1 or more.
     pub clipped_share: Option<f64>,
     /// Structural similarity of I and T (sRGB-coded grey, 7 x 7 px): `[least, most]`.
     pub ssim: Option<[f64; 2]>,
@@ -116,7 +116,7 @@ pub(crate) fn illuminant(kelvin: f64) -> [f64; 3] {
     ]
 }
 
-/// Computes the gains that make `color` grey without changing green, as in cameras. All channels are above 0.
+/// Computes the gains that make `color` grey without changing green, as in cameras. All channels must be above 0.
 pub(crate) fn gains_against(color: [f64; 3]) -> [f64; 3] {
     color.map(|channel| nine_digits(color[1] / channel))
 }

@@ -1,7 +1,7 @@
 //! The layout `list`: photographs in any folders, listed in a file.
 //!
-//! Each line is a JSON object of schema `glasshouse.photograph/1`. It has the keys of a scene line's side, with paths
-//! relative to the source's root, and the keys `place`, `scan` (optional) and `values` (optional).
+//! Each line is a JSON object of schema `glasshouse.photograph/1`. It has the keys of a scene line's side (not `apex`),
+//! with paths relative to the source's root, and the keys `place`, `scan` (optional) and `values` (optional).
 
 use super::diode::{Index, IndexError, SourceImage};
 use procedural::Place;
@@ -17,7 +17,7 @@ pub const PHOTOGRAPH_SCHEMA: &str = "glasshouse.photograph/1";
 /// Default name of the list in the source's root.
 pub(crate) const LIST_NAME: &str = "photographs.jsonl";
 
-/// A list that cannot be used.
+/// Error of a list that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ListError {
     #[error("line {line}: {reason}; correct that line")]

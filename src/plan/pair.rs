@@ -32,8 +32,8 @@ impl Pair<'_> {
 }
 
 /// Makes `count` pairs from the two or more photographs of `subset`: an indoor and an outdoor one if both exist, else
-/// two of different scans if possible. Uses all photographs of a place equally often as front and as back.
-///
+/// two of different scans if possible. Uses all photographs of a place equally often as front and as back, unless all
+/// are of one place and most are of one scan.
 /// The shuffles depend on `key` and the seed.
 pub(super) fn pairs<'a>(
     dataset_seed: u64,
@@ -51,7 +51,7 @@ pub(super) fn pairs<'a>(
         *scans.entry(scan_of(image)).or_default() += 1;
     }
     match scans.iter().max_by_key(|(_, size)| **size) {
-        // One scan holds more than half of all photographs: pair these with the others.
+        // One scan has more than half of all photographs, so these are paired with the others.
         Some((largest, &size)) if scans.len() > 1 && 2 * size > subset.len() => {
             let inside = of(subset, |image| scan_of(image) == *largest);
             let outside = of(subset, |image| scan_of(image) != *largest);
@@ -61,7 +61,7 @@ pub(super) fn pairs<'a>(
     }
 }
 
-/// Makes `count` pairs with fronts from one source and backs from another. Uses all photographs equally often.
+/// Makes `count` pairs with fronts from one source and backs from another. Uses the photographs of each equally often.
 pub(super) fn pairs_between<'a>(
     dataset_seed: u64,
     key: [&str; 2],

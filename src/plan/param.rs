@@ -1,4 +1,4 @@
-//! A number of a recipe: a constant, or a distribution with a draw per scene.
+//! A number of a recipe: a constant, a distribution with a draw per scene, or a value from a photograph's record.
 
 use super::draw::normal_cdf;
 use render::line::limits::Limit;
@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
 use std::fmt;
 
-/// A constant or a distribution.
+/// A constant, a distribution, or a value from a photograph's record.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Param {
     /// `1.6`: a constant.
@@ -16,7 +16,7 @@ pub enum Param {
     Uniform([f64; 2]),
     /// `{ log_uniform = [a, b] }`: from a to b with a uniform logarithm; a is above 0.
     LogUniform([f64; 2]),
-    /// `{ normal = { mean = m, std = s, min = a, max = b } }`: normal, truncated to a to b.
+    /// `{ normal = { mean = m, std = s, min = a, max = b } }`: normal, truncated to the range from a to b.
     Normal(Normal),
     /// `{ choice = [a, b, c] }`: a list of values with equal probabilities.
     Choice(Vec<f64>),
@@ -73,7 +73,7 @@ impl Param {
         least == most
     }
 
-    /// Returns the first possible value outside `limit`.
+    /// Returns the first bound or choice outside `limit`, if any.
     pub(super) fn outside(&self, limit: Limit) -> Option<f64> {
         if *self == Self::FromSource {
             // The value of each photograph is checked with its scene line.
@@ -157,7 +157,7 @@ impl<'de> Deserialize<'de> for Param {
     }
 }
 
-/// Reads a parameter. A derived untagged enum would give errors without reason and position.
+/// A reader of parameters. A derived untagged enum would give errors without reason and position.
 pub(super) struct ParamVisitor;
 
 impl<'de> Visitor<'de> for ParamVisitor {

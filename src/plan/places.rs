@@ -1,7 +1,7 @@
 //! Lists the photographs of a PLACES365 folder with their estimated depth maps.
 //!
 //! ```text
-//! ROOT/       [data_256/|data_large/][LETTER/]CATEGORY[/KIND]/NAME.(jpg|jpeg|png)
+//! ROOT/       [data_*/][train/|val/][LETTER/]CATEGORY[/KIND]/NAME.(jpg|jpeg|png)
 //! DEPTH_ROOT/ the same folders/NAME(.npy|.pfm|.exr|.png), or NAME_depth.*, or NAME-MODEL.* as MiDaS writes them
 //! ```
 //!
@@ -31,7 +31,7 @@ pub struct DepthRanges {
     pub category: BTreeMap<String, Category>,
 }
 
-/// A kind of place.
+/// A category of photographs, such as bedrooms.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Category {
@@ -48,7 +48,7 @@ pub struct Category {
 pub enum DepthRangesError {
     #[error("{0}")]
     Toml(#[from] Box<toml::de::Error>),
-    /// Another schema, or another version of it.
+    /// A schema other than [`DEPTH_RANGES_SCHEMA`].
     #[error("its schema is {0:?}, but must be \"glasshouse.depth_ranges/1\"")]
     Schema(String),
     #[error("it names no category: add [category.NAME] with place, range and why")]
@@ -64,7 +64,7 @@ impl DepthRanges {
             .expect("the shipped table is tested")
     }
 
-    /// Returns the names of the categories of one kind of place, sorted.
+    /// Returns the names of all indoor or all outdoor categories, sorted.
     pub fn categories_of(&self, place: Place) -> Vec<&str> {
         let wanted = self.category.iter().filter(|(_, c)| c.place == place);
         wanted.map(|(name, _)| name.as_str()).collect()
@@ -85,7 +85,7 @@ impl DepthRanges {
         Ok(table)
     }
 
-    /// Finds the category of a photograph by its path.
+    /// Finds the category of a photograph, and its name, by the photograph's path.
     fn category_of<'t, 'p>(&'t self, path: &'p str) -> Option<(&'p str, &'t Category)> {
         let (mut folder, _) = path.rsplit_once('/')?;
         while let Some((first, rest)) = folder.split_once('/')
@@ -103,7 +103,7 @@ impl DepthRanges {
     }
 
     /// Finds the photographs of the table's categories among `colors`, and their depth maps among `depths`. The depth
-    /// maps are below the root `depth_root`. Paths have `/`.
+    /// maps are below the root `depth_root`. Paths have `/` as separator.
     pub fn index(&self, colors: &[String], depths: &[String], depth_root: &str) -> Index {
         let mut maps: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
         for depth in depths {
@@ -136,7 +136,7 @@ impl DepthRanges {
                 mask: None,
                 place: category.place,
                 scene: name.to_owned(),
-                // The set has no marks for photographs of one place, so every photograph is its own scan.
+                // PLACES365 does not mark photographs from one standpoint, so each photograph is its own scan.
                 scan: stem.to_owned(),
                 side: None,
                 values: BTreeMap::new(),
@@ -313,7 +313,7 @@ why = "a guess"
     }
 
     #[test]
-    fn categories_of_one_kind_of_place_get_equal_numbers() {
+    fn indoor_and_outdoor_categories_each_get_equal_numbers() {
         let photographs = listing(4080, 1);
         assert_eq!(listing(100, 1), photographs[..100]);
         let mut counts = BTreeMap::new();

@@ -60,7 +60,7 @@ pub fn make_photographs(
     };
     match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
         Ok(pool) => pool.install(make),
-        // The system cannot start threads: run in the caller's pool.
+        // If the system cannot start threads, the caller's pool does the work.
         Err(_) => make(),
     }
 }

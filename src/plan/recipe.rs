@@ -22,7 +22,7 @@ pub const RECIPE_SCHEMA: &str = "glasshouse.recipe/1";
 pub struct Recipe {
     /// Always [`RECIPE_SCHEMA`].
     pub schema: String,
-    /// Name of the data set: `[A-Za-z0-9_-]+`.
+    /// Name of the data set: 1 to 128 characters of `[A-Za-z0-9_-]`.
     pub name: String,
     /// Dataset seed of all draws, pairs and splits. Default 2020.
     #[serde(default = "default_seed")]
@@ -47,7 +47,7 @@ pub struct Recipe {
     pub light: LightRecipe,
     /// Bounds of accepted scenes. Default none.
     pub reject: Option<RejectRecipe>,
-    /// Sets of photographs by name. The name is also the named root of their paths.
+    /// Sets of photographs by name. The name is also the name of the root of their paths.
     pub sources: BTreeMap<String, Source>,
     /// The splits of the data set. No two splits share a photograph.
     #[serde(rename = "split")]
@@ -204,8 +204,8 @@ pub struct SplitRecipe {
     pub name: Split,
     /// Number of scenes by source, or by two sources as `FRONT/BACK`.
     pub pairs: BTreeMap<String, u32>,
-    /// Relative share of each source's photographs in this split. Default 0.9 for `train`, 0.1 for `test`. If only one
-    /// split uses a source, it gets all of its photographs.
+    /// Relative share of each source's photographs in this split. Default 0.9 for `train`, 0.1 for `test`. The
+    /// only split that uses a source gets all photographs of the source.
     pub photographs: Option<f64>,
 }
 
@@ -299,7 +299,7 @@ impl Recipe {
         Ok(recipe)
     }
 
-    /// Returns the named roots of the scene lines: those `given`, and for every other source its `root` below `base`,
+    /// Returns the named roots of the scene lines: those `given`, and the other `root`s and `depth_root`s below `base`,
     /// the folder of the recipe. Omits `sample` sources, because planning writes them into the run's folder.
     pub fn roots(&self, base: &Path, given: &Roots) -> Roots {
         let mut roots = given.clone();
@@ -404,7 +404,7 @@ pairs = { diode = 120, places = 80 }
     }
 
     #[test]
-    fn a_distribution_may_replace_any_number() {
+    fn distributions_may_replace_numbers() {
         let text = PAPER
             .replace("ior = 1.6", "ior = { uniform = [1.3, 1.7] }\nabsorption_per_m = [{ uniform = [0, 20] }, 0, 1]\ntilt_deg = [0, { normal = { mean = 0, std = 10, min = -30, max = 30 } }]")
             .replace("focus = \"front_center\"", "focus = { log_uniform = [1, 20] }")

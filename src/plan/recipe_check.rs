@@ -201,10 +201,10 @@ pub(super) fn bad(key: &str, problem: impl Into<String>) -> Result<(), RecipeErr
     Err(RecipeError::Key { key: key.to_owned(), problem: problem.into() })
 }
 
-/// Checks all values that `param` may take against the table of limits.
+/// Checks all values that `param` may take, except for `from_source`, against the table of limits.
 pub(super) fn within(key: &str, param: &Param) -> Result<(), RecipeError> {
     let limit = limit_of(key);
-    // Draws of all other distributions are not whole.
+    // Draws of all other distributions are not whole numbers.
     if limit.is_whole() && !matches!(param, Param::Constant(_) | Param::Choice(_)) {
         return bad(key, "must be a whole number or { choice = [..] } of whole numbers");
     }

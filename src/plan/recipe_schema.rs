@@ -101,7 +101,7 @@ mod tests {
                 validator.iter_errors(&json(recipe)).map(|e| e.to_string()).collect();
             assert!(wrong.is_empty(), "{wrong:?}");
         }
-        // Both the schema and the program reject values of a wrong type.
+        // Both the schema and the program reject unknown keys and wrong values.
         for (from, to) in [
             ("ior = 1.6", "ior = \"glassy\""),
             ("ior = 1.6", "ior = { unifrom = [1, 2] }"),

@@ -79,7 +79,7 @@ pub(super) fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
     }
 }
 
-/// Draws the light of a side and multiplies it with the light that a list gives for the photograph.
+/// Draws the light of a side and multiplies it by the light that a list gives for the photograph.
 pub(super) fn light(name: &str, recipe: SideLight<'_>, draw: Draw<'_>, side: &mut Side) {
     let (exposure, side_illuminant) = side.light_mut();
     *exposure *= draw.value(&format!("{name}.exposure"), recipe.exposure);

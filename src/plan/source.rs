@@ -34,7 +34,7 @@ impl fmt::Display for Layout {
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Source {
-    /// Layout of the files.
+    /// Layout of the folders and file names.
     pub layout: Layout,
     /// Folder relative to the recipe; `--root NAME=DIR` overrides it. Default: the source's name. Not for `sample`.
     pub root: Option<String>,
@@ -63,7 +63,7 @@ pub struct Source {
     /// Quantity in the depth files. Default z.
     #[serde(default)]
     pub depth_kind: DepthKind,
-    /// Metric range of relative depths. Not for `places`, because the table of categories has the ranges.
+    /// Metric range of relative depths. Not for `places` (ranges are in the table) and `list` (they are in its lines).
     pub depth_range: Option<DepthRange>,
     /// `places` only: folder of the depth maps, relative to the recipe. Default: `NAME-depth`.
     pub depth_root: Option<String>,

@@ -41,7 +41,7 @@ pub(super) fn source_values(
     Ok(values)
 }
 
-/// Computes the shortest focal length with which the film sees nothing outside the photograph.
+/// Computes the shortest focal length with which the film shows nothing outside the photograph.
 ///
 /// As a tangent, a film's half field of view is `hypot(36, 24) / (2 f) * side / diagonal`. A photograph's is the
 /// distance of the nearer border from the principal point, divided by the focal length. Intrinsics without a size are

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub enum Stage {
     /// BT-net alone: R~ -> R.
     Backtrack,
-    /// SP-net, I -> (T, R~), followed by BT-net, which continues to learn.
+    /// SP-net, I -> (T, R~), followed by BT-net, which also learns if the a priori loss is used.
     Separation,
 }
 
@@ -30,7 +30,7 @@ pub enum FeatureSource {
     /// No features: the networks read red, green and blue, and the loss has no feature term.
     #[default]
     None,
-    /// VGG-19 with random weights from a fixed seed; the paper uses trained weights.
+    /// VGG-19 with random weights from `seed`; the paper uses trained weights.
     Random,
     /// VGG-19 with weights from a file.
     File,
@@ -49,7 +49,7 @@ pub enum ExampleKind {
     Ceilnet,
 }
 
-/// Files of a tuple that have the pixels for training.
+/// Files of a tuple that contain the pixels for training.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PixelSource {
@@ -64,10 +64,10 @@ pub enum PixelSource {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Start {
-    /// Each convolution copies its first channels (Zhang et al.).
+    /// Each convolution except the last copies the first input channels (Zhang et al.).
     #[default]
     Identity,
-    /// Normal distribution with standard deviation sqrt(2 / inputs) (He et al.).
+    /// Each convolution except the last has normal weights with standard deviation sqrt(2 / inputs) (He et al.).
     Random,
 }
 
@@ -79,7 +79,7 @@ pub struct TrainRecipe {
     pub backtrack_steps: u64,
     /// Number of steps of SP-net and BT-net together.
     pub separation_steps: u64,
-    /// Settings of both stages. The defaults are from the paper and from Zhang et al.
+    /// Settings of both stages. Most defaults are from the paper or from Zhang et al.
     #[serde(default)]
     pub settings: TrainSettings,
 }
@@ -88,13 +88,13 @@ pub struct TrainRecipe {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainSettings {
-    /// Seed of initial weights and of the order, crops and flips of examples.
+    /// Seed of initial weights, random features, and the order and augmentation of examples.
     pub seed: u64,
     /// Image features for the hypercolumn and the feature loss.
     pub features: FeatureSource,
-    /// Divisor of the widths of a random VGG-19; 1 for the published widths.
+    /// Divisor of the widths of VGG-19, a power of two; 1 for the published widths.
     pub vgg_divisor: usize,
-    /// Number of channels of the generators.
+    /// Number of hidden channels of the generators.
     pub width: usize,
     /// Number of channels after the discriminators' first convolution.
     pub discriminator_width: usize,
@@ -110,21 +110,21 @@ pub struct TrainSettings {
     pub learning_rate: f64,
     /// Weight of the mean absolute differences. The paper does not state a value.
     pub pixel_weight: f64,
-    /// Weight of the feature losses (the paper's).
+    /// Weight of the feature losses; 0.2 in the paper.
     pub feature_weight: f64,
     /// Weight of the adversarial losses; 0 omits the discriminators. Zhang et al. use 1 with 100 for all other losses.
     pub adversarial_weight: f64,
-    /// Number of steps between updates of the discriminators (Zhang et al.).
+    /// Number of steps between updates of the discriminators; 2 in Zhang et al.
     pub discriminator_every: u64,
     /// True if SP-net also gets the gradients of the a priori loss, through BT-net.
     pub a_priori: bool,
     /// Source of the examples.
     pub examples: ExampleKind,
-    /// Files that have the pixels.
+    /// Files of a tuple that contain the pixels.
     pub pixels: PixelSource,
-    /// Share of steps with real photographs, 0..1.
+    /// Share of steps with real photographs, from 0 to 1.
     pub real_share: f64,
-    /// True if the first epoch follows the manifest's order, in which a farm renders the scenes.
+    /// True to wait for missing tuples; the first epoch then uses the manifest's order, in which a farm renders scenes.
     pub follow: bool,
 }
 
@@ -164,7 +164,7 @@ pub struct SettingError {
 }
 
 impl TrainSettings {
-    /// Checks all ranges.
+    /// Checks the ranges of all settings.
     pub fn validate(&self) -> Result<(), SettingError> {
         let refuse = |name, value: String, expected| Err(SettingError { name, value, expected });
         let sizes = [

@@ -7,7 +7,7 @@ use candle_core::{Device, Result, Tensor};
 pub struct Batch {
     pub input: Tensor,
     pub transmission: Tensor,
-    /// `None`, like `clean_reflection`, if real pairs lack the layer.
+    /// `None` if an example lacks this layer; the same holds for `clean_reflection`.
     pub glass_reflection: Option<Tensor>,
     pub clean_reflection: Option<Tensor>,
 }

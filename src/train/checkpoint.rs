@@ -23,7 +23,7 @@ pub struct Origin {
     pub vgg_blake3: Option<String>,
     /// Digest of the train scenes in the manifest's order.
     pub scenes_blake3: String,
-    /// Digest of the names of the real pairs.
+    /// Digest of the names of the real pairs, if any.
     pub real_blake3: Option<String>,
     /// Step and model digest of the backtrack checkpoint that the separation stage started with.
     pub backtrack: Option<(u64, String)>,
@@ -196,7 +196,7 @@ pub fn steps(stage_folder: &Path) -> Vec<u64> {
     steps
 }
 
-/// Removes all checkpoints except the newest `keep` and the one of step `best`.
+/// Removes all checkpoints except the newest `keep` (at least one) and the one of step `best`.
 pub fn prune(stage_folder: &Path, keep: usize, best: Option<u64>) -> std::io::Result<()> {
     let steps = steps(stage_folder);
     let old = steps.len().saturating_sub(keep.max(1));

@@ -5,7 +5,7 @@ use super::ops::{NormOptions, Window, conv2d, norm_act};
 use super::random::Stream;
 use candle_core::{DType, Device, Result, Tensor, Var};
 
-/// Output channels of the first four 4 x 4 convolutions, in widths. The fifth has one output channel.
+/// Output channels of the first four 4 x 4 convolutions, in multiples of the width. The fifth has one output channel.
 const WIDTHS: [usize; 4] = [1, 2, 4, 8];
 
 /// Strides of all five convolutions, px.
@@ -23,7 +23,7 @@ pub struct Discriminator {
 }
 
 impl Discriminator {
-    /// Draws weights with standard deviation 0.02 from a seed; the published width is 64.
+    /// Draws kernels and gains with standard deviation 0.02 from a seed; the published width is 64.
     pub fn new(width: usize, seed: u64, name: &str, device: &Device) -> Result<Self> {
         let widths: Vec<usize> = WIDTHS.iter().map(|times| times * width).chain([1]).collect();
         let mut inputs = 6;
@@ -55,12 +55,12 @@ impl Discriminator {
         Self { slope, ..self }
     }
 
-    /// Computes logits (batch, 1, ...) for an image and one of its layers, both (batch, 3, ...). Above 0 means real.
+    /// Computes logits (batch, 1, ...), above 0 if real, of an image and one of its layers, both (batch, 3, ...).
     pub fn forward(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
         self.forward_by(image, layer_of_it, learning)
     }
 
-    /// Computes the logits with detached weights: gradients flow only to the images, so the step costs fewer products.
+    /// Computes the logits with detached weights: gradients flow only to the images, which is cheaper.
     pub fn forward_frozen(&self, image: &Tensor, layer_of_it: &Tensor) -> Result<Tensor> {
         self.forward_by(image, layer_of_it, frozen)
     }

@@ -1,4 +1,4 @@
-//! The result of `evaluate`: a table with notes, JSON, and files with both.
+//! The result of `evaluate`: a table with notes, and files with the table, the scores, the pictures and JSON.
 
 use super::checkpoint::CheckpointState;
 use super::picture::rgb_grid;
@@ -24,7 +24,7 @@ pub enum EvaluationError {
 
 #[derive(Clone, Debug, Serialize)]
 pub struct ScoredNetwork {
-    /// Name of the network's row.
+    /// Name of the network's row in the table.
     pub method: String,
     /// Folder of the checkpoint.
     pub path: PathBuf,
@@ -63,14 +63,14 @@ pub struct Evaluation {
     pub tile_px: u32,
     #[serde(rename = "rows")]
     pub means: Vec<MethodMeans>,
-    /// Best constant factor of the input, which measures the effect of brightness alone.
+    /// Best constant factor of the input; its scores show the effect of brightness alone.
     pub gain: Option<Gain>,
     #[serde(rename = "checkpoints")]
     pub networks: Vec<ScoredNetwork>,
-    /// Pictures without scores, with reasons.
+    /// Pictures that were not scored, with reasons.
     pub left_out: Vec<LeftOut>,
     pub files: Vec<PathBuf>,
-    /// Number of threads; `None` in the file, so that its bytes do not depend on it.
+    /// Number of threads; omitted from the file, which has the same bytes for any number of threads.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
     /// Scores by method, then by picture.
@@ -130,7 +130,7 @@ impl Evaluation {
         Ok(())
     }
 
-    /// Returns the table and the lines below it.
+    /// Returns the table and the notes below it.
     fn table(&self) -> [String; 2] {
         let mut notes =
             "Protocol: no resizing; scored as 8-bit sRGB. Means over images.\ninput: the unchanged pictures.\n".to_owned();
@@ -164,7 +164,7 @@ impl Evaluation {
     fn markdown(&self) -> String {
         let [table, notes] = self.table();
         let mut text = format!("# Evaluation\n\n{}\n\n{table}\n", self.what());
-        // A list, because Markdown would join the lines.
+        // The notes form a list because Markdown joins consecutive lines.
         for note in notes.lines() {
             let _ = writeln!(text, "- {note}");
         }
@@ -177,7 +177,7 @@ impl Evaluation {
         text
     }
 
-    /// Returns the number and source of the pictures as one line.
+    /// Returns the numbers of scored and left-out pictures and their source as one line.
     fn what(&self) -> String {
         let what = match self.split {
             Some("all") => counted(self.images, "scene"),

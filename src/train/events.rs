@@ -1,4 +1,4 @@
-//! Event files for TensorBoard: TFRecords of `Event` messages (tensorflow/core/util/event.proto), scalars and pictures.
+//! Event files for TensorBoard: TFRecords of `Event` messages (tensorflow/core/util/event.proto) of scalars and PNGs.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -9,7 +9,7 @@ pub(super) struct EventFile {
     file: File,
 }
 
-/// Appends a varint of protocol buffers.
+/// Appends a number as a varint of protocol buffers.
 fn varint(out: &mut Vec<u8>, mut value: u64) {
     while value >= 0x80 {
         out.push(value as u8 | 0x80);
@@ -74,7 +74,7 @@ fn picture(tag: &str, [width, height]: [u32; 2], png: &[u8]) -> Vec<u8> {
 }
 
 impl EventFile {
-    /// Creates the file for training that resumes at `step`; replaces an older file for that step.
+    /// Creates the file for training that starts or resumes at `step`; replaces an older file for that step.
     pub(super) fn create(folder: &Path, step: u64) -> io::Result<Self> {
         let mut file = File::create(folder.join(format!("events.out.tfevents.{step:010}")))?;
         file.write_all(&record(&event(now(), 0, 3, b"brain.Event:2")))?;
@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn records_equal_those_of_tensorboard() {
-        // The first record of every event file, written by tensorboard 2.21's RecordWriter at wall time 1.5.
+        // The first record of an event file, written by tensorboard 2.21's RecordWriter at wall time 1.5.
         let bytes = record(&event_of_version(1.5));
         let expected = [
             0x18, 0, 0, 0, 0, 0, 0, 0, 0xa3, 0x7f, 0x4b, 0x22, 0x09, 0, 0, 0, 0, 0, 0, 0xf8, 0x3f,

@@ -11,7 +11,7 @@ pub struct Example {
     pub columns: usize,
     pub input: Planes,
     pub transmission: Planes,
-    /// `None`, like `clean_reflection`, if a real pair lacks the layer.
+    /// `None` if the tuple or pair lacks this layer; the same holds for `clean_reflection`.
     pub glass_reflection: Option<Planes>,
     pub clean_reflection: Option<Planes>,
 }
@@ -30,7 +30,7 @@ pub struct Cut {
 }
 
 impl Cut {
-    /// Draws a square of `size` px; returns `None` if the image is smaller.
+    /// Draws a square crop with a side of `size` px; returns `None` if the image is smaller.
     pub fn draw(
         rows: usize,
         columns: usize,

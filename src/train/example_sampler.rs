@@ -11,7 +11,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// Largest short edge of scaled real photographs, relative to the side of the crop (Zhang et al.: 479 / 256).
+/// Largest short edge of scaled-down real photographs, relative to the side of the crop (Zhang et al.: 479 / 256).
 const LARGEST: f64 = 479.0 / 256.0;
 
 /// Interval between checks for a missing tuple.
@@ -33,7 +33,7 @@ impl SceneSource {
     }
 }
 
-/// Examples kept in memory for the next epoch.
+/// Examples and photographs kept in memory for later epochs.
 struct Kept {
     bytes: usize,
     bases: HashMap<(bool, usize), Arc<Base>>,
@@ -49,7 +49,7 @@ pub struct ExampleSampler {
     kept: Mutex<Kept>,
     /// The current epoch of each order, by name, and its permutation.
     orders: Mutex<HashMap<&'static str, (u64, Vec<usize>)>>,
-    /// Closed when the loader is dropped.
+    /// Channel that is closed when the loader is dropped.
     stopped: Receiver<()>,
 }
 
@@ -110,7 +110,7 @@ impl ExampleSampler {
             .collect()
     }
 
-    /// Returns the real pair at a position of the endless sequence.
+    /// Returns the real pair at a position of the endless sequence of pairs, scaled by [`Self::scaled`].
     fn real_example(&self, position: u64, stream: &mut Stream) -> Result<Example, ExampleError> {
         let index = self.place(position, self.real.pairs.len(), "real order");
         let read = || Ok(Some(Base::Example(self.real.read(index)?)));
@@ -119,7 +119,7 @@ impl ExampleSampler {
         Ok(self.scaled(example, stream))
     }
 
-    /// Mixes photographs to an example; returns `None` without a base, or if the mixture recipe rejects the pair.
+    /// Copies or mixes the example of a base; returns `None` without a base or if the recipe rejects the photographs.
     fn drawn(
         &self,
         base: Option<&Base>,
@@ -146,7 +146,7 @@ impl ExampleSampler {
         }))
     }
 
-    /// Returns the example at a position of the endless sequence of scenes, or the next usable example.
+    /// Returns the example at a position of the endless sequence of scenes, or the next usable example after it.
     fn scene_example(&self, position: u64, stream: &mut Stream) -> Result<Example, ExampleError> {
         let count = self.scenes.len();
         for further in 0..count as u64 {
@@ -167,7 +167,7 @@ impl ExampleSampler {
                     }
                 },
             };
-            // The next scene replaces a pair that the mixture recipe rejects.
+            // The next scene replaces a scene without a tuple, or with photographs that the recipe rejects.
             if let Some(example) = self.drawn(base.as_deref(), stream)? {
                 return Ok(example);
             }
@@ -178,7 +178,7 @@ impl ExampleSampler {
         ))
     }
 
-    /// Returns the index among `count` at a position. Every epoch has its own permutation.
+    /// Returns the index among `count` at a position. Epochs are shuffled separately; with `follow`, the first is not.
     fn place(&self, position: u64, count: usize, name: &'static str) -> usize {
         let (epoch, place) = (position / count as u64, (position % count as u64) as usize);
         if self.settings.follow && epoch == 0 {
@@ -200,7 +200,7 @@ impl ExampleSampler {
         }
     }
 
-    /// Returns the kept example, or the result of `read`, which it keeps if memory allows.
+    /// Returns the kept base of a key, or the result of `read`, which is then kept if memory allows.
     fn base(
         &self,
         key: (bool, usize),
@@ -233,7 +233,7 @@ impl ExampleSampler {
         Ok(example.cut(cut))
     }
 
-    /// Scales a real photograph down to a random size, so that the crop covers a large part of it.
+    /// Scales a real pair down to a random size (unless it is smaller), so that the crop covers a large part of it.
     fn scaled(&self, example: Example, stream: &mut Stream) -> Example {
         let crop = self.settings.crop_px as f64;
         let wanted = (crop * (1.0 + (LARGEST - 1.0) * stream.unit())).round() as usize;

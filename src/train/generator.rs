@@ -28,7 +28,7 @@ pub struct GeneratorOptions {
 }
 
 pub struct Generator {
-    /// The first is (width, inputs, 1, 1): features from coarse to fine, then RGB. Others are (width, width, 3, 3).
+    /// The first kernel is (width, inputs, 1, 1), for coarse to fine features and RGB; others are (width, width, 3, 3).
     kernels: Vec<Var>,
     /// Parameters of each layer's adaptive norm, `by_itself x + by_norm (norm(x) + offset)`.
     by_itself: Vec<Var>,
@@ -100,7 +100,7 @@ impl Generator {
         self.forward_by(images, features, learning)
     }
 
-    /// Computes the output with detached weights, without gradients.
+    /// Computes the output with detached weights, which receive no gradients.
     pub fn forward_frozen(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
         self.forward_by(images, features, frozen)
     }
@@ -148,7 +148,7 @@ impl Generator {
     }
 }
 
-/// Names the variables of lists `LIST.INDEX`.
+/// Returns the variables of all lists, each with the name `LIST.INDEX`.
 pub(super) fn numbered(lists: &[(&str, &Vec<Var>)]) -> Vec<(String, Var)> {
     let mut named = Vec::new();
     for (name, list) in lists {
@@ -169,7 +169,7 @@ pub(super) fn frozen(weight: &Var) -> Tensor {
     weight.detach()
 }
 
-/// Returns a kernel that copies channel i to channel i.
+/// Returns a kernel that copies each input channel to the output channel of the same index.
 fn identity([outputs, inputs, rows, columns]: [usize; 4], device: &Device) -> Result<Tensor> {
     let mut values = vec![0.0f32; outputs * inputs * rows * columns];
     for channel in 0..outputs.min(inputs) {

@@ -19,7 +19,7 @@ pub struct Learner {
     /// SP-net; `None` in the backtrack stage.
     pub separation: Option<Generator>,
     pub backtrack: Generator,
-    /// Discriminator of R and R*, given R~, or of T and T*, given I.
+    /// Discriminator of R and R*, given R~, or of T and T*, given I; `None` if the adversarial weight is 0.
     pub discriminator: Option<Discriminator>,
     pub generator_adam: Adam,
     pub discriminator_adam: Option<Adam>,
@@ -30,7 +30,7 @@ pub struct Learner {
 
 /// One weighted term of a step's loss.
 pub struct Term {
-    /// Name in logs: `transmission_l1`, ...
+    /// Name in logs, such as `transmission_l1`.
     pub name: &'static str,
     pub value: f32,
 }
@@ -82,7 +82,7 @@ impl Learner {
         Self::with_slope(stage, settings, vgg, device, SLOPE)
     }
 
-    /// Creates the networks with another slope of all leaky ReLUs.
+    /// Creates the networks with the given slope of all leaky ReLUs.
     pub(super) fn with_slope(
         stage: Stage,
         settings: &TrainSettings,
@@ -147,7 +147,7 @@ impl Learner {
         variables.iter().map(|(_, v)| v.elem_count()).sum()
     }
 
-    /// Returns all weights by name.
+    /// Returns all trainable weights by name.
     pub fn model(&self) -> BTreeMap<String, Tensor> {
         let variables = self.variables().into_iter();
         variables.map(|(name, variable)| (name, variable.as_detached_tensor())).collect()
@@ -205,7 +205,7 @@ impl Learner {
     ///
     /// # Errors
     ///
-    /// Fails if candle fails or if the batch lacks layers of the stage.
+    /// Fails if candle fails, if the batch lacks layers that the stage needs, or if the loss has no terms.
     pub fn step(&mut self, step: u64, batch: &Batch, lap: Lap) -> Result<StepLosses> {
         let (given, made, truth, mut sum) = match self.stage {
             Stage::Backtrack => self.backtrack_losses(batch, lap)?,
@@ -329,7 +329,7 @@ impl Learner {
         let features = self.loss_features(&t)?;
         let names = ["transmission_l1", "transmission_feature"];
         self.compare(&mut sum, names, &t, &features, &batch.transmission)?;
-        // Real pairs may lack R~ and R.
+        // Tuples and real pairs may lack R~ and R.
         let priori = batch.clean_reflection.as_ref().filter(|_| self.settings.a_priori);
         if batch.glass_reflection.is_some() || priori.is_some() {
             // BT-net and the comparison of R~* share these features.

@@ -1,20 +1,20 @@
-//! Trains networks for reflection removal on tuples.
+//! Trains networks for reflection removal on tuples, real pairs or mixed photographs.
 //!
 //! ```text
 //! source (tuples, photographs, pairs) -> example_sampler (order, crops) -> loader (reads ahead) -> batch
 //!     -> learner (networks, losses, Adam: one step) -> session (all steps, checkpoints, logs)
 //!
 //! ops/              operations that candle computes slowly or with wrong gradients
-//! vgg               frozen features of images           checkpoint    a folder per step, written atomically
+//! vgg, vgg_file     frozen features of images           checkpoint    a folder per step, written atomically
 //! generator         architecture of SP-net and BT-net   metrics, events, picture    logs of training
 //! discriminator     conditional PatchGAN                inference     networks on images of any size
 //! loss, adam        losses and optimiser                separator     the networks of a checkpoint
 //! random            random numbers of seed and name     srgb_planes   pixels as planes
-//! mixture           photographs mixed in image space, for comparison
+//! mixture           photographs mixed in image space    scoring, evaluation       scores of networks on pictures
 //! run, resume       a stage's training in a run's folder, resumed from its checkpoints
 //! ```
 //!
-//! The weights depend on the settings, the scenes and the CPU's instruction set, not on threads, time or interruptions.
+//! The weights depend on the settings, the data and the CPU's instruction set, not on threads, time or interruptions.
 
 pub mod ops;
 

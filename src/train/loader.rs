@@ -21,14 +21,14 @@ type Ready = (u64, Result<Vec<Example>, ExampleError>);
 
 /// A prefetcher that returns the examples of one step after another.
 pub struct Loader {
-    /// Finished steps. Dropped before the threads are joined.
+    /// Receiver of finished steps, dropped before the threads are joined.
     ready: Option<Receiver<Ready>>,
-    /// Steps for the threads to read.
+    /// Sender of the steps for the threads to read.
     tickets: Option<Sender<u64>>,
     waiting: BTreeMap<u64, Result<Vec<Example>, ExampleError>>,
     steps: Range<u64>,
     asked: u64,
-    /// Dropped to stop the sampler.
+    /// Sender that is dropped to stop the sampler.
     stop: Option<Sender<()>>,
     threads: Vec<JoinHandle<()>>,
 }
@@ -80,7 +80,7 @@ impl Loader {
         }
     }
 
-    /// Returns the examples of the next step, or `None` after the last. Stops waiting when `stop` is set.
+    /// Returns the examples of the next step, or `None` after the last. Fails if `stop` is set while waiting.
     pub fn next_step(&mut self, stop: &AtomicBool) -> Option<Result<Vec<Example>, ExampleError>> {
         if self.steps.is_empty() {
             return None;

@@ -3,7 +3,7 @@
 use super::ops::{absolute, mean_absolute_difference};
 use candle_core::{Result, Tensor};
 
-/// Divisors of the differences of conv1_2 to conv5_2. The last, of Zhang et al., is 1.5 with ten times the weight.
+/// Divisors of the differences of conv1_2 to conv5_2 (Zhang et al.). The last is 1.5 divided by a weight of 10.
 pub const FEATURE_DIVISORS: [f64; 5] = [2.6, 4.8, 3.7, 5.6, 0.15];
 
 /// Computes the mean absolute difference.

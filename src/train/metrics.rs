@@ -22,7 +22,7 @@ pub(super) struct Metrics {
 }
 
 impl Metrics {
-    /// Opens the file for training that resumes at `step`; removes the lines of later steps, which training repeats.
+    /// Opens the file for training that continues at `step`; removes the lines of later steps, which training repeats.
     pub(super) fn open(path: &Path, step: u64) -> io::Result<Self> {
         let mut text =
             format!("step,total,{},discriminator,validation_psnr_db,wall_s\n", TERMS.join(","));

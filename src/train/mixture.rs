@@ -17,7 +17,7 @@ pub use zhang::{ZhangDraw, zhang};
 
 use super::{Picture, Stream};
 
-/// A mixed pair; sRGB codes from 0 to 1.
+/// A mixed pair as sRGB codes from 0 to 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mixture {
     pub input: Picture,
@@ -47,12 +47,12 @@ pub enum MixtureError {
     TooLarge { columns: usize, rows: usize },
 }
 
-/// Recipe of mixtures.
+/// Published method of mixing two pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MixtureRecipe {
-    /// Recipe of [`zhang`].
+    /// The method of Zhang, Ng and Chen: [`zhang`].
     Zhang,
-    /// Recipe of [`ceilnet`].
+    /// The method of Fan et al.: [`ceilnet`].
     Ceilnet,
 }
 

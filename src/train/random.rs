@@ -24,7 +24,7 @@ impl Stream {
         u64::from_le_bytes(bytes)
     }
 
-    /// Returns a uniform number in (0, 1).
+    /// Returns a uniform number above 0 and up to 1.
     pub fn unit(&mut self) -> f64 {
         ((self.bits() >> 11) as f64 + 0.5) / 9_007_199_254_740_992.0
     }
@@ -40,7 +40,7 @@ impl Stream {
         radius * libm::cos(std::f64::consts::TAU * self.unit())
     }
 
-    /// Returns a tensor of normal numbers with mean 0 and this standard deviation.
+    /// Returns a tensor of normal numbers with mean 0 and the given standard deviation.
     pub fn normal_tensor(
         &mut self,
         shape: &[usize],

@@ -19,9 +19,9 @@ const OF_NETWORKS: [&str; 4] = ["features", "vgg_divisor", "width", "start"];
 
 /// The checkpoints that training starts from.
 pub(super) struct Beginning {
-    /// The newest checkpoint of this stage.
+    /// The newest usable checkpoint of this stage.
     pub(super) own: Option<Checkpoint>,
-    /// The newest checkpoint of the backtrack stage, if the separation stage has none yet.
+    /// The newest usable checkpoint of the backtrack stage, if the separation stage has none yet.
     before: Option<Checkpoint>,
 }
 
@@ -141,7 +141,7 @@ impl Beginning {
         }
     }
 
-    /// Creates random networks and loads BT-net if needed. [`super::Session`] restores the stage's own checkpoint.
+    /// Creates new networks and loads BT-net if needed. [`super::Session`] restores the stage's own checkpoint.
     pub(super) fn learner(
         &self,
         stage: Stage,

@@ -248,7 +248,7 @@ fn schedule(training: &Training) -> Schedule {
     }
 }
 
-/// Reads whole images of the first test scenes that have a tuple.
+/// Reads whole images of the first `training.validate` test scenes that have a tuple.
 fn validation(training: &Training, settings: &TrainSettings) -> Result<Vec<Example>, ExampleError> {
     let source = TupleSource {
         files: Arc::clone(&training.tuples),

@@ -1,4 +1,4 @@
-//! Scoring of a run's tuples and of trained networks by [`compose`].
+//! Adapters through which [`compose`] scores trained networks on a run's tuples.
 
 use super::inference::LEAST_PX;
 use super::separator::Separator;

@@ -22,7 +22,7 @@ use std::time::Instant;
 /// Largest PSNR of a picture in the mean, dB. It keeps the mean finite when pictures are equal.
 const MOST_DB: f64 = 100.0;
 
-/// The last step, and the intervals of checkpoints and pictures. The intervals do not change the weights.
+/// The last step, and the settings of checkpoints and pictures, which do not change the weights.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
     pub until: u64,
@@ -34,7 +34,7 @@ pub struct Schedule {
     pub pictures_every: u64,
 }
 
-/// Receives the events of training.
+/// A receiver of the events of training.
 pub trait Watcher {
     /// Reports the steps to train and the number of examples per step.
     fn begins(&mut self, _steps: Range<u64>, _batch: usize) {}
@@ -78,7 +78,7 @@ pub struct Best {
 }
 
 impl Best {
-    /// Reads `best.json` of a stage; returns `None` if no checkpoint was validated.
+    /// Reads `best.json` of a stage; returns `None` if the file is missing or damaged.
     pub fn read(stage_folder: &Path) -> Option<Self> {
         let bytes = std::fs::read(stage_folder.join("best.json")).ok()?;
         serde_json::from_slice(&bytes).ok()
@@ -139,7 +139,7 @@ impl Session {
         })
     }
 
-    /// Trains until the schedule's end or until `stop` is set, and writes a checkpoint in both cases.
+    /// Trains until the schedule's end or until `stop` is set. In both cases, the last step taken has a checkpoint.
     pub fn run(
         &mut self,
         loader: &mut Loader,
@@ -246,7 +246,7 @@ impl Session {
         self.write(psnr, schedule, watcher)
     }
 
-    /// Writes a checkpoint and removes old ones.
+    /// Writes a checkpoint, updates `best.json` and removes old checkpoints.
     fn write(
         &mut self,
         psnr: Option<f64>,
@@ -276,7 +276,7 @@ impl Session {
         Ok(())
     }
 
-    /// Returns the mean PSNR, dB, of the 8-bit outputs for the validation images; `None` without images.
+    /// Returns the mean PSNR, dB, of the 8-bit outputs for the validation images; `None` without usable images.
     fn validate(&self) -> Result<Option<f64>, TrainError> {
         let mut sum = 0.0;
         let mut count = 0u32;
@@ -293,7 +293,7 @@ impl Session {
         Ok((count > 0).then(|| sum / f64::from(count)))
     }
 
-    /// Returns an example's input, output, ground truth and other layers; empty if a layer for BT-net is missing.
+    /// Returns an example's input, output, ground truth and other layers; empty if the backtrack stage lacks a layer.
     fn made(&self, example: &Example) -> Result<Vec<Picture>, TrainError> {
         let picture = |planes: &Vec<f32>| Picture {
             rows: example.rows,

@@ -78,14 +78,14 @@ pub struct TupleSource {
 }
 
 impl TupleSource {
-    /// Reads a scene's tuple; returns `None` if it does not exist yet.
+    /// Reads a scene's tuple; returns `None` if no tuple of this scene line and version exists.
     pub fn read(&self, index: usize) -> Result<Option<Base>, ExampleError> {
         let line = &self.lines[index];
         let Some(json) = self.files.get(&line.id, "tuple.json")? else {
             return Ok(None);
         };
         if !is_record_of(&json, line) {
-            // The tuple belongs to another plan or version; the farm replaces it.
+            // The record is damaged or belongs to another plan or version; the farm replaces the tuple.
             return Ok(None);
         }
         let file = tuple_key(&line.id, "tuple.json");
@@ -145,7 +145,7 @@ impl TupleSource {
                 continue;
             }
             let (key, bytes) = self.file(line, &format!("{name}.png"))?;
-            // PNG has its own checksums.
+            // PNG has its own checksums, so no digest is compared.
             let picture = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
                 .map_err(|e| damaged(&key, &e))?
                 .into_rgb8();

@@ -1,4 +1,4 @@
-//! Compares a step of the separation stage with PyTorch in double precision (`tests/train/step.py`).
+//! Tests steps of the separation stage, in part against PyTorch in double precision (`tests/train/step.py`).
 
 use super::*;
 use candle_core::{Device, Tensor, Var};

@@ -8,14 +8,14 @@ use std::collections::HashMap;
 /// Indices of the convolutions in torchvision's `vgg19().features`; a ReLU follows each.
 pub const VGG_PLACES: [usize; 14] = [0, 2, 5, 7, 10, 12, 14, 16, 19, 21, 23, 25, 28, 30];
 
-/// Output channels of these convolutions.
+/// Numbers of output channels of the convolutions in [`VGG_PLACES`].
 pub const VGG_WIDTHS: [usize; 14] =
     [64, 64, 128, 128, 256, 256, 256, 256, 512, 512, 512, 512, 512, 512];
 
-/// Indices of the convolutions after a max pooling.
+/// Positions in [`VGG_PLACES`] of the convolutions that follow a max pooling.
 const POOLS: [usize; 4] = [2, 4, 8, 12];
 
-/// Indices of conv1_2, conv2_2, conv3_2, conv4_2 and conv5_2, which yield the features.
+/// Positions in [`VGG_PLACES`] of conv1_2, conv2_2, conv3_2, conv4_2 and conv5_2, which yield the features.
 const TAPS: [usize; 5] = [1, 3, 5, 9, 13];
 
 /// Mean and standard deviation of red, green and blue in ImageNet, as sRGB values in [0, 1]. torchvision's weights
@@ -67,8 +67,8 @@ impl Vgg {
         })
     }
 
-    /// Initialises weights from a seed (He et al., standard deviation sqrt(2 / inputs)). Random features suit the
-    /// feature loss nearly as well, but carry little meaning.
+    /// Initialises kernels from a seed (He et al., standard deviation sqrt(2 / (9 channels))) and biases with 0. Random
+    /// features suit the feature loss nearly as well, but contain little semantic information.
     pub fn random(seed: u64, narrow: usize, device: &Device) -> Result<Self> {
         Self::of(narrow, device, |place, [width, channels]| {
             let deviation = (2.0 / (9 * channels) as f64).sqrt();

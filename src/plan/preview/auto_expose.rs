@@ -13,7 +13,7 @@ use render::trace::Isa;
 /// Geometric mean luminance of a metered photograph: middle grey.
 const MIDDLE_GREY: f64 = 0.18;
 
-/// Least luminance of a pixel, because black has no logarithm: about a quarter of an 8-bit step.
+/// Lower bound of a pixel's luminance, because black has no logarithm: a quarter of the first 8-bit sRGB step.
 const FLOOR: f64 = 7.6e-5;
 
 /// Error of a scene that cannot be previewed.
@@ -33,7 +33,7 @@ pub(crate) enum ExposureError {
 pub(crate) struct Exposed {
     /// Scene line with exposures and white balance.
     pub line: SceneLine,
-    /// First `[reject]` bound that the scene violates.
+    /// First `[reject]` bound that the scene violates, if any.
     pub rejected: Option<Violation>,
 }
 
@@ -98,7 +98,7 @@ fn plain_camera(line: &SceneLine) -> SceneLine {
     line
 }
 
-/// Computes the geometric mean luminance of one side's pixels (for a mesh: its vertices), as a light meter does.
+/// Computes the geometric mean luminance of one side's pixels (for a mesh: its vertices).
 fn mean_luminance(side: &Decoded) -> f64 {
     let radiance = match side {
         Decoded::Sheet(sheet) => &sheet.radiance,

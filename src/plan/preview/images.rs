@@ -7,10 +7,10 @@ use render::line::SceneLine;
 use render::scene::{AssembleError, DecodedScene, assemble};
 use render::trace::{Isa, Tile, trace_tile};
 
-/// Longer side of the preview, px.
+/// Largest side of the preview, px.
 pub(crate) const PREVIEW_PX: u32 = 64;
 
-/// Samples per pixel of the preview.
+/// Largest number of samples per pixel of the preview.
 pub(crate) const PREVIEW_SPP: u32 = 16;
 
 /// Small images of a scene's I, T and R~, in linear light.

@@ -1,4 +1,4 @@
-//! Previews a drawn scene at 64 px and 16 samples per pixel, to set exposures and white balance or to reject it.
+//! Previews a drawn scene at up to 64 px and 16 samples per pixel, to set exposures and white balance or to reject it.
 //!
 //! ```text
 //! auto_expose.rs   sets exposures and white balance of the scene line

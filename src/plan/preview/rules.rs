@@ -21,7 +21,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// Returns the first bound that a preview violates.
+/// Returns the first bound that a preview violates, if any.
 pub(crate) fn first_violation(preview: &Preview, rules: &RejectRecipe) -> Option<Violation> {
     let measures: [&dyn Fn() -> f64; 4] = [
         &|| preview.reflected_share(),

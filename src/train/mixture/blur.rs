@@ -4,11 +4,11 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Border {
     Black,
-    /// Mirrored at the outermost pixels without repeating them; OpenCV's default.
+    /// Mirror image at the outermost pixels, which are not repeated; OpenCV's default.
     Mirrored,
 }
 
-/// Blurs each plane.
+/// Blurs each plane along both axes.
 pub(super) fn blur(
     values: &[f64],
     rows: usize,

@@ -51,7 +51,7 @@ impl ZhangDraw {
 }
 
 /// Mixes two pictures. As in the original, returns `None` if the mean code of the back picture is less than half that
-/// of the front picture, or if a picture is too dark.
+/// of the front picture, or if a picture of the mixture is too dark.
 pub fn zhang(
     front: &Picture,
     back: &Picture,
@@ -99,8 +99,8 @@ pub fn zhang(
     Ok((!is_dark).then_some(mixture))
 }
 
-/// Subtracts `attenuation` times the mean excess over 1, of the sums above 1, from a channel of the reflection, and
-/// clamps it to [0, 1].
+/// Subtracts `attenuation` times the mean excess of the sums above 1 from a channel of the reflection, and clamps the
+/// channel to [0, 1].
 fn darken(reflected: &mut [f64], transmitted: &[f64], attenuation: f64) {
     let sums = reflected.iter().zip(transmitted).map(|(r, t)| r + t);
     let (mut total, mut count) = (0.0, 0u64);

@@ -66,7 +66,7 @@ pub(super) fn by_products(image: &Tensor, kernel: &Tensor, window: Window) -> Re
     sum.reshape((sizes.batch, sizes.channels_out, rows, columns))
 }
 
-/// Selects `count` slices of a dimension: `first` and every further `step`.
+/// Selects `count` slices along a dimension: `first` and every `step`-th slice after it.
 fn every(
     tensor: &Tensor,
     dimension: usize,
@@ -187,7 +187,7 @@ fn shape_of(sizes: &Sizes) -> Shape {
     (sizes.batch, sizes.channels_out, rows, columns).into()
 }
 
-/// Computes the image's gradient from the result's gradient and the kernel. The `Vec` holds the image's dimensions.
+/// Operation for the gradient of the image from the result's gradient and the kernel; holds the image's dimensions.
 struct ImageGradient(Window, Vec<usize>);
 
 impl CustomOp2 for ImageGradient {
@@ -210,7 +210,7 @@ impl CustomOp2 for ImageGradient {
     }
 }
 
-/// Computes the kernel's gradient from the image and the result's gradient. The `Vec` holds the kernel's dimensions.
+/// Operation for the gradient of the kernel from the image and the result's gradient; holds the kernel's dimensions.
 struct KernelGradient(Window, Vec<usize>);
 
 impl CustomOp2 for KernelGradient {
@@ -233,7 +233,7 @@ impl CustomOp2 for KernelGradient {
     }
 }
 
-/// Copies the first tensor where the second is positive and writes 0 elsewhere.
+/// Operation that copies the first tensor where the second is positive and writes 0 elsewhere.
 struct WherePositive;
 
 impl CustomOp2 for WherePositive {

@@ -78,7 +78,7 @@ impl CustomOp2 for Difference {
     }
 }
 
-/// Computes the gradient of the first tensor from both tensors and the result's gradient.
+/// Operation for the gradient of the first tensor, given both tensors and the result's gradient.
 struct Side;
 
 impl CustomOp3 for Side {
@@ -106,7 +106,7 @@ impl CustomOp3 for Side {
             } else if difference < 0.0 {
                 -each
             } else {
-                // 0, or a NaN, which must propagate.
+                // The difference is 0, or a NaN, which must propagate.
                 difference
             }
         });

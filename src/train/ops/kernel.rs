@@ -22,7 +22,7 @@ thread_local! {
     static BUFFER: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Calls `with` with a thread-local buffer of arbitrary contents.
+/// Calls `with` with a thread-local buffer of `len` arbitrary values.
 fn with_buffer<T>(len: usize, with: impl FnOnce(&mut [f32]) -> T) -> T {
     BUFFER.with_borrow_mut(|buffer| {
         if buffer.len() < len {
@@ -66,7 +66,7 @@ pub(super) fn forward(sizes: &Sizes, image: &[f32], kernel: &[f32]) -> Vec<f32> 
     out
 }
 
-/// Computes the kernel's gradient: its input pixels weighted with the result's gradient.
+/// Computes the kernel's gradient: the sum of its input pixels, weighted with the result's gradient.
 pub(super) fn kernel_gradient(sizes: &Sizes, image: &[f32], gradient: &[f32]) -> Vec<f32> {
     let (seen, out_len, image_len) = (sizes.seen(), sizes.out_len(), sizes.image_len());
     let rows = if sizes.is_pointwise() {
@@ -117,7 +117,7 @@ pub(super) fn image_gradient(sizes: &Sizes, kernel: &[f32], gradient: &[f32]) ->
     let reach = sizes.window.dilation * (sizes.kernel[0] - 1);
     let is_square = sizes.kernel[0] == sizes.kernel[1];
     if sizes.window.stride == 1 && is_square && reach >= sizes.window.padding {
-        // A convolution of the result's gradient with the kernel rotated by 180 degrees, inputs and outputs exchanged.
+        // The gradient is convolved with the kernel rotated by 180 degrees, with inputs and outputs exchanged.
         let turned = Sizes {
             batch: sizes.batch,
             channels_in: sizes.channels_out,

@@ -46,7 +46,7 @@ impl<'a> Mat<'a> {
     }
 }
 
-/// A writable matrix: a block of columns of a larger matrix, borrowed exclusively.
+/// A writable row-major matrix or a block of its columns, borrowed exclusively.
 pub(super) struct MatMut<'a> {
     start: *mut f32,
     pub(super) rows: usize,
@@ -59,7 +59,7 @@ pub(super) struct MatMut<'a> {
 unsafe impl Send for MatMut<'_> {}
 
 impl<'a> MatMut<'a> {
-    /// Returns a whole slice as a row-major matrix.
+    /// Returns the start of a slice as a whole row-major matrix.
     pub(super) fn whole(values: &'a mut [f32], rows: usize, columns: usize) -> Self {
         assert!(rows * columns <= values.len(), "the matrix exceeds its slice");
         Self { start: values.as_mut_ptr(), rows, columns, row_stride: columns, _of: PhantomData }

@@ -1,5 +1,5 @@
 //! Tensor operations that candle computes slowly, with wrong gradients or not at all: convolution, pooling, resizing,
-//! norm with leaky ReLU, absolute value.
+//! norm with leaky ReLU, absolute value, mean absolute difference.
 //!
 //! ```text
 //! matrix.rs    matrix products by the gemm crate            convolve.rs   convolution op: tensors, gradients, fallback

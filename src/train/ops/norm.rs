@@ -50,7 +50,7 @@ pub(super) fn plain(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> 
     out.transpose(0, 1)?.contiguous()
 }
 
-/// Returns mean and 1 / deviation of each channel.
+/// Returns the mean and `1 / sqrt(variance + epsilon)` of each channel.
 fn statistics(x: &[f32], [batch, channels, pixels]: [usize; 3], epsilon: f64) -> Vec<(f32, f32)> {
     let of = |channel: usize| {
         let (mut sum, mut squares) = (0.0, 0.0);
@@ -71,7 +71,7 @@ fn statistics(x: &[f32], [batch, channels, pixels]: [usize; 3], epsilon: f64) ->
     (0..channels).into_par_iter().map(of).collect()
 }
 
-/// Sums over a plane: in f32 within 1,024 values (in sixteen lanes), in f64 beyond.
+/// Sums over a plane: in f32 within groups of 1,024 values (in sixteen lanes), in f64 over the groups.
 fn sums<const N: usize, T: Copy>(
     plane: &[T],
     add: impl Fn(&mut [[f32; 16]; N], usize, T),
@@ -159,7 +159,7 @@ impl Line {
     }
 }
 
-/// Computes the gradients of x and of the coefficients, concatenated.
+/// Operation for the gradients of x and of the coefficients, concatenated.
 struct NormActGradient(NormOptions);
 
 impl CustomOp3 for NormActGradient {
@@ -186,7 +186,7 @@ impl CustomOp3 for NormActGradient {
         let passed = |line: &Line, x: f32, gradient: f32| {
             if line.at(x) > 0.0 { gradient } else { slope * gradient }
         };
-        // Sums of the gradient e before ReLU: e, e x and e norm(x).
+        // Returns the sums of e, e x and e norm(x), where e is the gradient before ReLU.
         let of_channel = |channel: usize| {
             let line = Line::new(coefficients, &statistics, channel);
             let (mean, inverse_deviation) = statistics[channel];

@@ -4,9 +4,9 @@ use super::values;
 use candle_core::{CpuStorage, CustomOp1, CustomOp2, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
 
-/// Returns the largest of each 2 x 2 pixels of a (batch, channels, rows, columns) f32 tensor, without odd last lines.
+/// Returns the 2 x 2 px maxima of a (batch, channels, rows, columns) f32 tensor; ignores an odd last row or column.
 ///
-/// The gradient goes to the first largest pixel, as in PyTorch (candle's gradient is four times too small).
+/// On the CPU, the gradient goes to the first largest pixel, as in PyTorch (candle's gradient is four times too small).
 pub fn max_pool2(image: &Tensor) -> Result<Tensor> {
     if image.device().is_cpu() {
         return image.contiguous()?.apply_op1(MaxPool2);

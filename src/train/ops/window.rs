@@ -1,4 +1,4 @@
-//! Sizes of a convolution, and unfolding of the pixels under its kernel to a matrix (im2col).
+//! Sizes of a convolution, and unfolding of the pixels under its kernel into a matrix (im2col).
 
 use candle_core::{Result, bail};
 use std::ops::Range;
@@ -87,12 +87,12 @@ impl Sizes {
         self.out[0] * self.out[1]
     }
 
-    /// True if the kernel is 1 x 1 and needs no unfolding.
+    /// True for a 1 x 1 kernel with stride 1 and without padding, which needs no unfolding.
     pub(super) fn is_pointwise(&self) -> bool {
         self.kernel == [1, 1] && self.window.stride == 1 && self.window.padding == 0
     }
 
-    /// Returns the number of result rows to unfold at once: about 768 KiB, to fit in the cache, and at most a quarter.
+    /// Returns the number of result rows to unfold at once: at most a quarter of all and 768 KiB, but at least one row.
     pub(super) fn rows_at_once(&self) -> usize {
         let fit = 768 * 1024 / 4 / self.seen() / self.out[1];
         fit.max(1).min(self.out[0].div_ceil(4)).max(1)
@@ -128,7 +128,7 @@ impl Sizes {
         }
     }
 
-    /// Writes the image values under the kernel for some result rows: [`Self::seen`] rows and one column per position.
+    /// Writes the image values under the kernel at `rows` of the result: [`Self::seen`] rows, one column per position.
     pub(super) fn unfold(&self, image: &[f32], rows: Range<usize>, into: &mut [f32]) {
         let places = rows.len() * self.out[1];
         let mut lines = into.chunks_exact_mut(places);
@@ -156,7 +156,7 @@ impl Sizes {
         });
     }
 
-    /// Applies the transpose of [`Self::unfold`] to some channels: adds each position's values to their `planes`.
+    /// Applies the transpose of [`Self::unfold`] to some channels: adds each position's values to the image's `planes`.
     pub(super) fn fold(&self, unfolded: &[f32], channels: usize, planes: &mut [f32]) {
         let mut lines = unfolded.chunks_exact(self.out_len());
         self.each_pixel(0..channels, |channel, kernel_row, kernel_column| {
