@@ -27,7 +27,7 @@ pub struct Deviation {
 }
 
 impl Deviation {
-    /// Compares two images of equal size with `width` px in a row. Panics if they are empty or have incomplete rows.
+    /// Compares two images with `width` px in a row. Panics if they differ in size, have incomplete rows, or are empty.
     pub fn between(image: &[[f32; 3]], reference: &[[f32; 3]], width: usize) -> Self {
         assert!(
             image.len() == reference.len() && image.len().is_multiple_of(width) && width > 0,
