@@ -6,7 +6,7 @@ use render::trace::{BundleProbe, View};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// The schema name of `rays.json`.
+/// Schema name of `rays.json`.
 const SCHEMA: &str = "glasshouse.rays/1";
 
 /// A folder of ray classes.

@@ -1,4 +1,4 @@
-//! `glasshouse bench`: measures speed and error. Of the pipeline, only `plan` uses this module, for its estimate.
+//! `glasshouse bench`: measures speed and error. The pipeline uses this module only for the estimate of `plan`.
 //!
 //! ```text
 //! scenes -> kernels (-> dump)                                  bench trace: rays per second
@@ -8,7 +8,7 @@
 //! farm                                                         bench farm: overhead, makespan, resuming
 //! ```
 //!
-//! Except in `farm`, times are CPU seconds (in most cases of a thread, [`thread_cpu_s`]), because machines are shared.
+//! Most times are CPU seconds, of a thread ([`thread_cpu_s`]) or of a process, because machines are shared.
 
 mod calibrate;
 mod clock;

@@ -30,7 +30,7 @@ pub fn available_bytes(folder: &Path) -> Option<u64> {
     Some(disk.f_bavail * disk.f_frsize)
 }
 
-/// Checks the disk of `folder`. All files are in a temporary folder inside `folder`, which is removed at the end.
+/// Checks the disk of `folder`. Creates a temporary folder inside it, and removes the temporary folder at the end.
 pub fn check_disk(folder: &Path) -> Vec<Finding> {
     type Probe = fn(&Path) -> io::Result<Finding>;
     let probes: [(&str, Probe); 4] = [

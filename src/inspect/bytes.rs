@@ -121,7 +121,7 @@ fn unknown(input: &Input, kind: Kind) -> Inspection {
 mod tests {
     use super::*;
 
-    /// Truncated and changed bytes of any kind never make a reader panic, and only files with problems are damaged.
+    /// Truncated and changed bytes of any kind never make a reader panic; exactly the files with problems are damaged.
     #[test]
     fn hostile_bytes_become_problems() {
         let beginnings: &[&[u8]] = &[

@@ -45,7 +45,7 @@ fn is_of(channel: &str, layer: &str) -> bool {
     channel.strip_prefix(layer).is_some_and(|rest| rest.starts_with('.'))
 }
 
-/// Reads the header without allocating memory for the claimed sizes. Rejects files that this program does not write.
+/// Reads the header without allocating memory for the claimed sizes. Rejects unsupported files.
 pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
     let meta =
         MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;

@@ -107,7 +107,7 @@ pub(super) fn kind_of(name: &str, head: &[u8]) -> Option<Kind> {
     })
 }
 
-/// Returns the head as text without leading white space, or `None` if it is binary. It may end within a character.
+/// Returns the head as text without leading spaces, or `None` if it is binary. The head may end within a character.
 fn text_of(head: &[u8]) -> Option<&str> {
     if head.contains(&0) {
         return None;

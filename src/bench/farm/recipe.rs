@@ -1,4 +1,4 @@
-//! Writes the recipes of measured runs.
+//! Recipes of measured runs, as TOML.
 
 /// Recipe of a run with scenes of procedural photographs.
 pub(super) struct Recipe {

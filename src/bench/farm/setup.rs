@@ -15,7 +15,7 @@ pub trait Watcher: Sync {
 
 pub struct Setup<'a> {
     pub program: &'a Path,
-    /// Address of a NATS server; if `None`, the measurement starts `nats-server`, if installed.
+    /// Address of a NATS server; `None` to start `nats-server`, if it is installed.
     pub queue: Option<&'a str>,
     /// Name of the processor, if known.
     pub cpu: Option<String>,
