@@ -1,7 +1,7 @@
 //! Estimates the duration of a run on this machine: reads, decodes and partly traces some of its scenes.
 //!
-//! Traced pixels get all their samples, so that the fixed cost of a pixel counts as in the run. The estimate is for one
-//! core; cores that share arithmetic units are slower when all are busy.
+//! Traced pixels get all samples of a shard, so that the fixed cost of a pixel counts as in the run. The estimate is
+//! for one core; cores that share arithmetic units are slower when all are busy.
 
 use super::clock::cpu_s;
 use plan::Calibration;
@@ -33,7 +33,7 @@ pub fn calibrate(
         };
         load_s += taken;
         let (mut seconds, mut pixels) = (0.0, 0u64);
-        // Cells of adaptive scenes are traced to their end.
+        // In adaptive scenes, every cell is traced until it stops.
         let samples = match line.film.target_error {
             None => samples_per_range(line.film.spp),
             Some(_) => line.film.spp,
@@ -60,7 +60,7 @@ pub fn calibrate(
     })
 }
 
-/// Returns scenes spread over the manifest: first at 1/6, 3/6 and 5/6, then between these.
+/// Returns scenes spread over the manifest: first at 1/6, 3/6 and 5/6, then at the start, between these, at the end.
 fn spread(lines: &[SceneLine]) -> impl Iterator<Item = &SceneLine> {
     let mut at: Vec<usize> = [1, 3, 5, 0, 2, 4, 6, 7]
         .iter()

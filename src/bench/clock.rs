@@ -1,4 +1,4 @@
-//! The CPU clock of the calling thread, and medians of measured seconds.
+//! The CPU clock of the calling thread, and medians and minima of measured seconds.
 
 use rustix::time::{ClockId, clock_gettime};
 
@@ -16,7 +16,7 @@ pub(super) fn cpu_s<T>(work: impl FnOnce() -> T) -> (T, f64) {
     (result, thread_cpu_s() - start)
 }
 
-/// Returns the middle value, or the mean of the two middle values; NaN without values.
+/// Returns the middle value, or the mean of the two middle values; NaN for an empty slice.
 pub(super) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -26,7 +26,7 @@ pub(super) fn median(values: &[f64]) -> f64 {
     }
 }
 
-/// Returns the median and the minimum.
+/// Returns the median and the minimum; NaN and infinity for an empty slice.
 pub(super) fn median_and_best(seconds: &[f64]) -> (f64, f64) {
     (median(seconds), seconds.iter().copied().fold(f64::INFINITY, f64::min))
 }

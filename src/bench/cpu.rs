@@ -1,4 +1,4 @@
-//! The processor's name, which every benchmark result records.
+//! The processor's name, for the results of measurements.
 
 pub use crate::doctor::cpu_name;
 

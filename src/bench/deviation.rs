@@ -12,9 +12,9 @@ const RELATIVE_FLOOR: f64 = 1e-2;
 /// Differences of a layer from its reference over all pixels and colours, in linear light except for `srgb_steps`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Deviation {
-    /// Root of the mean square.
+    /// Root of the mean squared difference.
     pub rmse: f64,
-    /// Mean of square / (reference^2 + 1e-2).
+    /// Mean of difference^2 / (reference^2 + 1e-2).
     pub relative_mse: f64,
     /// Mean of (image - reference).
     pub bias: f64,
@@ -27,7 +27,7 @@ pub struct Deviation {
 }
 
 impl Deviation {
-    /// Compares two images with `width` px in a row. Panics if their lengths differ or are no multiple of `width`.
+    /// Compares two images with `width` px in a row. Panics if they differ in size, have incomplete rows, or are empty.
     pub fn between(image: &[[f32; 3]], reference: &[[f32; 3]], width: usize) -> Self {
         assert!(
             image.len() == reference.len() && image.len().is_multiple_of(width) && width > 0,

@@ -6,7 +6,7 @@ use render::trace::{BundleProbe, View};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// The schema name of `rays.json`.
+/// Schema name of `rays.json`.
 const SCHEMA: &str = "glasshouse.rays/1";
 
 /// A folder of ray classes.
@@ -29,7 +29,7 @@ struct Class {
     hits: String,
     /// File of little-endian f32: `[x, y, z]` of each vertex, row by row, in metres.
     vertices: String,
-    /// Speed of the intersection alone, measured during the dump, millions of rays per second.
+    /// Speed of the intersection alone in the run that wrote the dump, millions of rays per second.
     kernel_mrays_per_s: f64,
 }
 
@@ -85,7 +85,7 @@ impl RayDump {
     }
 }
 
-/// Returns the vertices of a sheet in the frame of its capture camera.
+/// Returns the vertices of a sheet in the frame of its capture camera, m.
 fn vertices(view: &View) -> Vec<f32> {
     let [fx, fy] = view.focal_px.map(f64::abs);
     let [cx, cy] = view.principal;

@@ -28,7 +28,7 @@ pub struct ErrorReport<'a> {
     pub isa: &'static str,
     pub threads: usize,
     pub cpu: Option<String>,
-    /// Number of averaged seeds.
+    /// Number of seeds; errors are averages over the seeds.
     pub seeds: u32,
     /// Samples per pixel of each rung.
     pub spp: &'a [u32],
@@ -92,7 +92,7 @@ impl fmt::Display for ErrorReport<'_> {
     }
 }
 
-/// Describes the reference.
+/// Describes the reference: its folder, or its samples per pixel followed by `what`.
 fn truth(reference: &Reference, what: &str) -> String {
     reference.record.as_ref().map_or_else(
         || format!("the images in {}", reference.dir.display()),
@@ -100,7 +100,7 @@ fn truth(reference: &Reference, what: &str) -> String {
     )
 }
 
-/// Formats one table for each variant and layer.
+/// Formats the conditions, one table for each variant and layer, and the summary.
 fn text(report: &ErrorReport) -> String {
     let ErrorReport { reference, rows, slopes, .. } = report;
     let mut text = format!(
@@ -153,7 +153,7 @@ fn text(report: &ErrorReport) -> String {
     text
 }
 
-/// Formats a table with one row for each layer: slope and final error of each variant.
+/// Formats a table with one row for each layer: slopes, and error and CPU time at the last rung, of each variant.
 fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
     let top = rows.iter().map(|row| row.spp).max().unwrap_or(0);
     let heads =

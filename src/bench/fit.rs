@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-/// Log-log slope of a layer's error over its samples; -0.5 for independent samples.
+/// Log-log slope of a layer's error over its samples; about -0.5 for independent samples.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Slope {
     pub variant: &'static str,
@@ -11,11 +11,11 @@ pub struct Slope {
     pub slope: Option<f64>,
     /// Number of fitted rungs.
     pub rungs: usize,
-    /// Slope over the rungs with at least 16 samples.
+    /// Slope over the fitted rungs with at least 16 samples; `null` as above.
     pub tail_slope: Option<f64>,
 }
 
-/// Computes the least-squares slope of log `y` against log `x`. Returns `None` for fewer than two different `x`.
+/// Computes the least-squares slope of log `y` against log `x` over all positive points; `None` if all `x` are equal.
 pub(super) fn log_log_slope(points: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = points
         .iter()

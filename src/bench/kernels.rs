@@ -1,4 +1,4 @@
-//! Measures rays per second on one core: intersection alone, and the whole tracer.
+//! Measures rays per second on one core, for intersection alone and for the whole tracer, and the time to build grids.
 
 use super::clock::{cpu_s, median_and_best};
 use super::error::BenchError;
@@ -12,7 +12,7 @@ use render::trace::{
 use serde::Serialize;
 use std::hint::black_box;
 
-/// Distance between the pixels with measured bundles, across and down, px.
+/// Distance between adjacent pixels with measured bundles, across and down, px.
 const STEP_PX: u32 = 4;
 
 /// Number of tiles across and down, and their side, px, for [`tracer`].
@@ -39,7 +39,7 @@ pub struct KernelRow {
     pub apex: Option<&'static str>,
     /// Number of rays in a pass.
     pub rays: u64,
-    /// Mean number of cells between a ray's start and its hit.
+    /// Mean number of cells from the start of a ray's walk to its hit.
     pub cells_per_ray: f64,
     /// Mean number of cells of the longest ray among sixteen.
     pub rounds_per_16_rays: f64,
@@ -71,7 +71,7 @@ pub struct TracerTiming {
     pub mrays_per_s: f64,
 }
 
-/// Time to build a grid and its pyramid.
+/// Size of a grid, and the time to build the grid and its pyramid.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BuildRow {
     pub scene: String,
@@ -86,7 +86,7 @@ pub struct BuildRow {
     pub best_build_ms: f64,
 }
 
-/// Callback with each class: name, rays, hits (1/m), and Mrays/s of the first instruction set.
+/// Callback for each class, with its name, rays, hits (1/m), and median Mrays/s of the first instruction set.
 type OnClass<'a> = dyn FnMut(&str, &BundleProbe, &[f32], f64) -> Result<(), BenchError> + 'a;
 
 /// Returns the name of an instruction set: `avx2` or `baseline`.
@@ -97,7 +97,7 @@ pub fn isa_name(isa: Isa) -> &'static str {
     }
 }
 
-/// Assembles the scene with another apex for 256 samples.
+/// Assembles the scene with this apex and 256 samples per pixel.
 fn scene_at(scene: &BenchScene, apex: Apex) -> Result<Scene, BenchError> {
     let mut line = scene.line.clone();
     line.back.set_apex(apex);
@@ -107,7 +107,7 @@ fn scene_at(scene: &BenchScene, apex: Apex) -> Result<Scene, BenchError> {
 
 const APEXES: [(&str, Apex); 2] = [("mirror", Apex::Mirror), ("camera", Apex::Camera)];
 
-/// Median and minimum of the CPU seconds of several passes.
+/// Median and minimum CPU seconds of several passes with one instruction set.
 struct Timed {
     isa: &'static str,
     median_s: f64,
@@ -132,7 +132,7 @@ fn timed(isas: &[Isa], passes: usize, mut pass: impl FnMut(Isa) -> f64) -> Vec<T
     isas.iter().zip(seconds).map(timed).collect()
 }
 
-/// Times span and walk of every kernel of a scene: t0 and t1 of the front, r0, r1 and R of the back with both apexes.
+/// Times span and walk of a scene's kernels: t0 and t1 of the front; r0, r1 (both apexes) and R (`camera`) of the back.
 pub fn kernels(
     scene: &BenchScene,
     isas: &[Isa],
@@ -190,7 +190,7 @@ pub fn kernels(
     Ok(rows)
 }
 
-/// Times the whole tracer on sixteen tiles of 16 x 16 px spread over the film, 256 samples per pixel, with both apexes.
+/// Times the whole tracer on sixteen tiles of 16 x 16 px (or a small film), 256 samples per pixel, with both apexes.
 pub fn tracer(
     scene: &BenchScene,
     isas: &[Isa],
@@ -223,7 +223,7 @@ pub fn tracer(
     Ok(rows)
 }
 
-/// Returns tiles in the centres of equal parts of the film, or the whole film if it is small.
+/// Returns tiles in the centres of equal parts of the film, or one tile if the film is narrower or lower than 64 px.
 fn tiles(width: u32, height: u32) -> Vec<Tile> {
     if width < TILES * TILE_PX || height < TILES * TILE_PX {
         return vec![Tile { x: 0, y: 0, width, height }];

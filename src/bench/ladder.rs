@@ -43,7 +43,7 @@ pub const VARIANTS: [Variant; 3] = [
     },
 ];
 
-/// Sets the same number of samples for every pixel.
+/// Returns the line with all layers and `spp` samples for every pixel.
 fn with_samples(line: &SceneLine, spp: u32) -> SceneLine {
     let mut line = line.clone();
     line.film.spp = spp;
@@ -52,8 +52,8 @@ fn with_samples(line: &SceneLine, spp: u32) -> SceneLine {
     line
 }
 
-/// Sets a target error in place of a sample count: the higher the rung, the lower the target. With this factor, a rung
-/// costs about as much as the same rung of the other variants on photographs.
+/// Returns the line with a target error: the higher the rung, the lower the target. With this factor, a rung costs
+/// about as much on photographs as the same rung of the other variants.
 fn with_target(line: &SceneLine, rung: u32) -> SceneLine {
     let mut line = with_samples(line, MOST_SAMPLES);
     line.film.target_error = Some(0.03 / f64::from(rung).sqrt());
@@ -72,32 +72,32 @@ pub struct Ladder {
 }
 
 impl Ladder {
-    /// Counts the camera samples of the whole ladder for all variants on a film of `pixels`, for the progress display.
+    /// Counts the camera samples of the whole ladder for all variants on a film of `pixels` px, for the progress.
     pub fn samples(&self, pixels: u64) -> u64 {
         let once: u64 = self.spp.iter().map(|&n| u64::from(n)).sum();
         once * u64::from(self.seeds) * pixels * VARIANTS.len() as u64
     }
 }
 
-/// Errors of one layer on one rung.
+/// Errors of one layer on one rung of a variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LayerRow {
     pub variant: &'static str,
     pub layer: &'static str,
     /// The rung: requested samples per pixel.
     pub spp: u32,
-    /// Samples per pixel of the layer (R takes fewer); for adaptive sampling, the mean over the film.
+    /// Samples per pixel of the layer (fewer for thinned layers); for adaptive sampling, the mean over the film.
     pub samples: f64,
     /// CPU seconds of the tracer for all four layers; the median over seeds and repetitions of short renderings.
     pub cpu_s: f64,
     #[serde(flatten)]
     pub deviation: Deviation,
-    /// RMS error that the tuple states; `null` with one sample.
+    /// Stated RMS error of the tuples; `null` with one sample.
     pub stated_rmse: Option<f64>,
     pub stated_over_true: Option<f64>,
 }
 
-/// CPU time below which a rendering is timed again, s.
+/// CPU time below which a rendering is timed again, s, and number of repetitions.
 const SHORT_S: f64 = 0.25;
 const MORE_TIMINGS: usize = 4;
 
@@ -181,7 +181,7 @@ const CLEAR_OF_REFERENCE: f64 = 3.0;
 /// Least number of samples per pixel in the tail.
 const TAIL_SAMPLES: f64 = 16.0;
 
-/// Fits the slopes of RMSE against the layer's samples, by variant and layer.
+/// Fits the slopes of RMSE against the layer's samples, by variant and layer. Omits rungs near the reference's error.
 pub fn slopes(rows: &[LayerRow], reference: &Reference) -> Vec<Slope> {
     let mut slopes = Vec::new();
     for variant in VARIANTS {

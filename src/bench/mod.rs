@@ -1,4 +1,4 @@
-//! `glasshouse bench`: measures speed and error. The pipeline does not use this module.
+//! `glasshouse bench`: measures speed and error. The pipeline uses this module only for the estimate of `plan`.
 //!
 //! ```text
 //! scenes -> kernels (-> dump)                                  bench trace: rays per second
@@ -8,7 +8,7 @@
 //! farm                                                         bench farm: overhead, makespan, resuming
 //! ```
 //!
-//! Times are CPU seconds of the working threads ([`thread_cpu_s`]), because machines are shared.
+//! Most times are CPU seconds, of a thread ([`thread_cpu_s`]) or of a process, because machines are shared.
 
 mod calibrate;
 mod clock;

@@ -19,7 +19,7 @@ type Measure = fn(&LayerRow) -> f64;
 /// Plots the RMSE of whole layers on the left and of their worst 8 x 8 px on the right, with one line for each layer
 /// and variant.
 ///
-/// `title` is plain text. The plot omits rows without a positive error.
+/// `title` is plain text. The plot omits values that are not positive.
 pub fn error_plot(rows: &[LayerRow], title: &str) -> String {
     let panels: [(&str, Measure); 2] = [
         ("RMSE of the layer, linear light", |row| row.deviation.rmse),

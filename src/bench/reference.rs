@@ -24,7 +24,7 @@ const SEED_STEP: u64 = 1 << 32;
 pub struct Reference {
     /// Linear pixels, row by row.
     pub layers: PerLayer<Vec<[f32; 3]>>,
-    /// Record of the rendering; `None` for images of other programs.
+    /// Record of the rendering; `None` for given images.
     pub record: Option<ReferenceRecord>,
     pub dir: PathBuf,
     /// True if the images were read from disk, not rendered by this call.
@@ -37,7 +37,7 @@ pub struct Reference {
 pub struct ReferenceRecord {
     /// Always [`REFERENCE_SCHEMA`].
     pub schema: String,
-    /// BLAKE3 (hex) of the reference's scene line, with samples and seed, and of the digests of its input files.
+    /// BLAKE3 (hex) of the digests of the input files and of the reference's scene line, with its samples and seed.
     pub scene_blake3: String,
     pub tracer_version: u32,
     pub spp: u32,
@@ -55,7 +55,7 @@ fn reference_line(line: &SceneLine, spp: u32) -> SceneLine {
     line
 }
 
-/// Computes the digest of a line and its input files.
+/// Computes a digest of a line and the digests of its input files.
 fn digest(scene: &BenchScene, line: &SceneLine) -> String {
     let inputs = serde_json::to_string(&scene.photographs.inputs)
         .expect("digests are a map of strings to strings");
@@ -120,7 +120,7 @@ pub fn own_reference(
     }))
 }
 
-/// Reads linear RGB images of the film's size: `LAYER.exr`, `ref_LAYER.npy` or `LAYER.npy` for each layer.
+/// Reads linear RGB images of the film's size: for each layer, the first of `LAYER.exr`, `ref_LAYER.npy`, `LAYER.npy`.
 pub fn read_reference(dir: &Path, line: &SceneLine) -> Result<Reference, BenchError> {
     let read = |layer: &'static str| -> Result<Vec<[f32; 3]>, BenchError> {
         let names = [format!("{layer}.exr"), format!("ref_{layer}.npy"), format!("{layer}.npy")];

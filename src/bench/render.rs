@@ -1,4 +1,4 @@
-//! Renders a scene through shards and merge, and measures the CPU seconds of the tracer.
+//! Renders a scene as shards, merges their partials, and measures the CPU seconds of the tracer.
 
 use super::clock::cpu_s;
 use super::error::BenchError;
@@ -27,8 +27,8 @@ pub struct Work<'a> {
 pub struct Rendering {
     /// The four layers and their stated errors.
     pub tuple: Tuple,
-    /// CPU seconds of all threads in the tracer (camera samples, intersection and radiance of all four layers), without
-    /// decoding, digests and merge.
+    /// CPU seconds of all threads in the tracer (camera samples, intersection and radiance of all layers), without
+    /// decoding, digests and merging.
     pub cpu_s: f64,
 }
 

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 /// Seed of the built-in photographs.
 const PHOTOGRAPHS_SEED: u64 = 2020;
 
-/// A scene with decoded photographs, which can be assembled with several lines.
+/// A scene line with decoded photographs. Variants of the line can use the same photographs.
 #[derive(Clone)]
 pub struct BenchScene {
     pub name: String,
@@ -37,7 +37,7 @@ impl BenchScene {
 
 /// Builds the default scene of `bench error`: an indoor photograph in front and an outdoor photograph behind.
 ///
-/// The photographs have `size` px, the square film has a side of `film_px`; lens and pane are the paper's.
+/// The photographs have `size` px, and the square film has a side of `film_px`. Lens and pane are those of the paper.
 pub fn pair(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
     procedural("pair", [Place::Indoors, Place::Outdoor], size, film_px)
 }
@@ -55,7 +55,7 @@ pub fn outdoor(size: [u32; 2], film_px: u32) -> Result<BenchScene, BenchError> {
 pub fn stress(film_px: u32) -> BenchScene {
     const BLOCK_PX: usize = 4;
     const SIZE: [u32; 2] = [1024, 768];
-    // The field of view is slightly wider than the film's.
+    // The photographs have a larger field of view than the film.
     let intrinsics = json!({"fx": 1365.0, "fy": 1365.0, "cx": 512.0, "cy": 384.0});
     let mut line = line("stress", film_px, &intrinsics, [false; 2]);
     line.camera.focus = render::line::Focus::Distance { distance_m: 0.8 };
@@ -138,7 +138,7 @@ pub(super) fn photograph(
     })
 }
 
-/// Builds a line with the paper's camera and pane. On a side with `is_far`, the sky is at the farthest depth.
+/// Builds a line with the paper's camera and pane. On a side with `is_far`, holes (the sky) get the farthest depth.
 fn line(name: &str, film_px: u32, intrinsics: &Value, is_far: [bool; 2]) -> SceneLine {
     let [front, back] = is_far.map(|is_far| {
         json!({

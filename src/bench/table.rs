@@ -15,7 +15,7 @@ pub(super) fn table(
     markdown_table(&once(head).chain(rows).collect::<Vec<_>>(), left)
 }
 
-/// Formats rows of equal keys as CSV: the keys in the first line; an empty field where JSON has `null`.
+/// Formats rows with equal keys and plain values as CSV: the keys in the first line, and an empty field for `null`.
 pub(super) fn csv<R: Serialize>(rows: &[R]) -> String {
     let cell = |value: &Value| match value {
         Value::String(text) => text.clone(),

@@ -16,14 +16,14 @@ pub struct TrainStep {
     pub loss: f32,
 }
 
-/// Networks of the separation stage, and the batch of the measured steps.
+/// The networks of the separation stage, and the batch of the measured steps.
 pub struct TrainBench {
     learner: Learner,
     batch: Batch,
 }
 
 impl TrainBench {
-    /// Creates SP-net, BT-net, a discriminator that learns in every step, a random VGG-19, and random square images.
+    /// Creates SP-net, BT-net, random images and, if enabled, a random VGG-19 and a discriminator, which always learns.
     pub fn new(settings: &TrainSettings, size_px: usize, device: &Device) -> Result<Self> {
         let settings = TrainSettings { discriminator_every: 1, ..settings.clone() };
         let vgg = match settings.features {

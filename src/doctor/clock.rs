@@ -1,4 +1,4 @@
-//! Checks the clocks: leases and ages use the monotonic clock, signatures of requests to a bucket the time of day.
+//! Checks the clocks. Leases use the monotonic clock; ages and the signatures of bucket requests use the time of day.
 
 use super::finding::{Finding, Level, seconds_text};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -12,7 +12,7 @@ const OFF_S: f64 = 5.0;
 /// Start of 2025, before the first release, as Unix time.
 const PAST_S: u64 = 1_735_689_600;
 
-/// Checks that the clocks run forwards and at the same rate.
+/// Checks that the clocks run forwards at the same rate, and that the time of day is plausible.
 pub fn check_clock() -> Finding {
     let (start, day) = (Instant::now(), SystemTime::now());
     let mut last = start;
@@ -37,7 +37,7 @@ pub fn check_clock() -> Finding {
         .with("apart_s", apart)
 }
 
-/// Compares this machine's clock with another clock that showed `there` between `before` and `after`; `exact_s` is the
+/// Compares this machine's time with another clock that showed `there` between `before` and `after`; `exact_s` is the
 /// resolution of the other clock.
 pub(super) fn compare(
     check: &'static str,

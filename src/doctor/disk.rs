@@ -1,6 +1,6 @@
-//! Checks the disk of a run: space, speed, and the guarantees of renames, links and locks.
+//! Checks the disk of a run: space, speed, and the guarantees of creation, renames, links and locks.
 //!
-//! Most probes do not use [`render::atomic_file`], because they test the guarantees that this module relies on.
+//! Most probes do not use [`render::atomic_file`], because they test the guarantees on which it relies.
 
 use super::finding::{Finding, Level, bytes_text, seconds_text};
 use render::atomic_file;
@@ -9,7 +9,7 @@ use std::io::{self, ErrorKind, Write};
 use std::path::Path;
 use std::time::Instant;
 
-/// Length of the long file, bytes.
+/// Length of the file that measures the writing speed, bytes.
 const WRITTEN: usize = 32 << 20;
 /// Number of files that are written durably, one by one.
 const DURABLE_FILES: usize = 15;
@@ -30,7 +30,7 @@ pub fn available_bytes(folder: &Path) -> Option<u64> {
     Some(disk.f_bavail * disk.f_frsize)
 }
 
-/// Measures in a temporary folder inside `folder`, and removes it.
+/// Checks the disk of `folder`. Creates a temporary folder inside it, and removes the temporary folder at the end.
 pub fn check_disk(folder: &Path) -> Vec<Finding> {
     type Probe = fn(&Path) -> io::Result<Finding>;
     let probes: [(&str, Probe); 4] = [
@@ -74,9 +74,9 @@ fn space(bytes: Option<u64>) -> Finding {
         .with("free_bytes", bytes)
 }
 
-/// Writes and syncs a long file.
+/// Measures the speed of writing and syncing a long file.
 fn speed(place: &Path) -> io::Result<Finding> {
-    // All blocks differ, so that compression or deduplication does not look like speed.
+    // All blocks differ, so that compression or deduplication does not increase the measured speed.
     let mut block: Vec<u8> =
         (0..1u32 << 20).map(|i| (i.wrapping_mul(0x9e37_79b1) >> 24) as u8).collect();
     let start = Instant::now();
@@ -125,7 +125,7 @@ fn durable(place: &Path) -> io::Result<Finding> {
         .with("most_s", worst))
 }
 
-/// Creates, lists and removes files, which is slow on some network disks.
+/// Measures the time to create, list and remove small files, which is long on some network disks.
 fn small_files(place: &Path) -> io::Result<Finding> {
     let folder = place.join("small");
     let start = Instant::now();
@@ -152,7 +152,7 @@ fn small_files(place: &Path) -> io::Result<Finding> {
         .with("listed", listed))
 }
 
-/// Tests the guarantees that runs need: exclusive creation, atomic renames, locks.
+/// Tests the guarantees that runs need: exclusive creation, hard links, renames that replace files, and locks.
 fn promises(place: &Path) -> io::Result<Finding> {
     let path = |name: &str| place.join(name);
     let mut broken = Vec::new();

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 #[serde(rename_all = "snake_case")]
 pub enum Level {
     Ok,
-    /// The feature works, but slowly or less safely.
+    /// The feature works, but slowly or less safely, or its state is unknown.
     Warn,
     /// The feature does not work.
     Fail,
@@ -32,7 +32,7 @@ pub struct Finding {
     pub value: String,
     /// Advice, if the level is not `Ok`.
     pub to_do: Option<String>,
-    /// Measured values; their names contain the unit.
+    /// Measured values; the names of quantities contain the unit.
     pub measured: Map<String, Value>,
 }
 

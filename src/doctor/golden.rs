@@ -5,7 +5,7 @@ use render::shard::{Golden, golden, pinned};
 use render::trace::{Isa, TRACER_VERSION};
 use std::time::Instant;
 
-/// Traces the golden shard and compares its digest with the digests of this version and of a run.
+/// Traces the golden shard and compares its digest with the digests of this version and, if given, of a run.
 pub fn check_golden(isa: Isa, threads: usize, run: Option<&Golden>) -> Finding {
     let start = Instant::now();
     let found = golden(isa, threads);

@@ -4,9 +4,9 @@ use super::finding::{Finding, Level};
 use render::trace::Isa;
 use rustix::process::{Resource, getrlimit};
 
-/// Number of open files that suffices for a worker, and for a coordinator with a page.
+/// Limit of open files that suffices for a worker, and for a coordinator with a status page.
 const OPEN_FILES: u64 = 1024;
-/// Least number of open files that the store needs.
+/// Lowest limit of open files with which the store works.
 const FEWEST_OPEN_FILES: u64 = 128;
 
 /// Checks the processor, and its cores against the number of compute threads.

@@ -60,7 +60,7 @@ fn judge(memory: Memory, threads: usize) -> Finding {
         .with("needed_bytes", need)
 }
 
-/// Reads the system's files below `root` (`/` except in tests).
+/// Reads the memory figures from the system's files below `root` (`/` except in tests).
 fn look(root: &Path) -> Memory {
     let available = read_to_string(root.join("proc/meminfo")).ok().and_then(|text| {
         let line = text.lines().find(|line| line.starts_with("MemAvailable:"))?.to_owned();
@@ -82,7 +82,7 @@ fn look(root: &Path) -> Memory {
     memory
 }
 
-/// Lists the files with limit and usage of each control group of this process, in versions 2 and 1.
+/// Lists the files with limit and usage of this process's control groups and their ancestors, in versions 2 and 1.
 fn groups(root: &Path) -> Vec<(PathBuf, PathBuf)> {
     let mut files = Vec::new();
     let text = read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();

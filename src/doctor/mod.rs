@@ -1,11 +1,11 @@
-//! `glasshouse doctor`: checks this machine and its connection to store and queue.
+//! `glasshouse doctor`: checks this machine and its connections to the store and the queue.
 //!
 //! ```text
 //! machine (cores, kernels, memory, open files)    disk (space, speed, guarantees)    clock
 //! golden (bits of the golden shard)               store, queue (answers and guarantees)
 //! ```
 //!
-//! Every check returns a [`Finding`]: a measurement, a level and advice. The checks leave no files behind.
+//! Every check returns one or more [`Finding`]s: a result, a level and possibly advice. The checks remove their files.
 
 mod clock;
 mod disk;

@@ -10,10 +10,10 @@ use serde_json::json;
 /// Oldest server version with all required functions, and recommended version.
 const OLDEST: [u32; 3] = [2, 9, 10];
 const RECOMMENDED: [u32; 3] = [2, 12, 0];
-/// Answer time above which a server is too slow, because workers ask it for every task, s.
+/// Answer time above which a server is too slow, because workers query it for every task, s.
 const SLOW_S: f64 = 0.5;
 
-/// Connects, reads the limits, creates a small stream in memory and removes it.
+/// Connects and reads the limits; if the limits are readable, also creates and removes a small stream in memory.
 #[cfg(feature = "nats")]
 pub fn check_queue(options: &NatsOptions) -> Vec<Finding> {
     let facts = match probe_nats(options) {
@@ -83,7 +83,7 @@ pub fn judge_queue(version: &str, answer_s: f64) -> Finding {
         .with("answer_s", answer_s)
 }
 
-/// Parses a version like `2.10.22-beta`, without its suffix.
+/// Parses the three numbers of a version such as `2.10.22-beta`; ignores its suffix.
 fn numbers(version: &str) -> Option<[u32; 3]> {
     let plain = version.split(['-', '+']).next()?;
     let mut parts = plain.split('.').map(|part| part.parse().ok());

@@ -20,7 +20,7 @@ pub fn check_store(store: &Store, name: &str) -> Vec<Finding> {
     if let Err((what, error)) = checked {
         findings.push(failed(what, &error));
     }
-    // The probe's object is removed after a failure, too.
+    // The removal is necessary after a failure, too.
     let start = Instant::now();
     let removed = store.delete(std::slice::from_ref(&key));
     // After a failure, the result of the removal adds nothing.
@@ -38,7 +38,7 @@ pub fn check_store(store: &Store, name: &str) -> Vec<Finding> {
         });
     }
     if let Some(root) = store.local_root() {
-        // Removes only an empty folder, because another doctor may use it.
+        // `remove_dir` fails unless the folder is empty; another `doctor` may use it.
         let _ = std::fs::remove_dir(root.join(FOLDER));
     }
     findings

@@ -1,4 +1,4 @@
-//! Writes `README.md`: the dataset card, with the header for the Hugging Face Hub and `datasets`.
+//! Formats `README.md`: the dataset card, with the header for the Hugging Face Hub and `datasets`.
 
 use super::card_numbers::{PARAMETERS, SumAndMax};
 use super::finish::Summary;
@@ -8,7 +8,7 @@ use crate::run::Run;
 use serde_json::json;
 use std::fmt::Write;
 
-/// Upper bounds and names of the hub's size categories.
+/// Exclusive upper bounds and names of the Hub's size categories.
 const SIZES: [(u64, &str); 6] = [
     (1_000, "n<1K"),
     (10_000, "1K<n<10K"),

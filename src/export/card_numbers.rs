@@ -1,4 +1,4 @@
-//! Numbers on the card: ranges of parameters and stated errors, summed part by part in a fixed order.
+//! Numbers on the card, such as ranges of parameters and stated errors, combined part by part in a fixed order.
 
 use render::line::Side;
 use render::merge::TupleRecord;
@@ -32,7 +32,7 @@ pub(super) struct Numbers {
     /// Least and largest value of each of [`PARAMETERS`]; empty without tuples.
     pub(super) ranges: Vec<[f64; 2]>,
     pub(super) layers: BTreeMap<String, LayerNumbers>,
-    /// Number of scene sides, by the named root of their files.
+    /// Number of scene sides, by the named root of their files; files without a root have the key "".
     pub(super) roots: BTreeMap<String, u64>,
 }
 

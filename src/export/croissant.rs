@@ -1,6 +1,6 @@
-//! Writes `croissant.json`, the export's description in ML Commons' Croissant 1.0.
+//! Formats `croissant.json`, the export's description in ML Commons' Croissant 1.0.
 //!
-//! Each layer has a record set, joined by `id`, because mlcroissant joins at most two sources.
+//! Each layer of PNGs has its own record set, linked by `id`, because mlcroissant joins at most two sources.
 
 use super::digest::FileRecord;
 use super::finish::Summary;
@@ -92,7 +92,7 @@ fn tuples(plan: &ExportPlan, summary: &Summary) -> [Value; 2] {
     [files, record_set("tuples", about, &columns())]
 }
 
-/// Describes the file set of a layer's pictures, and their record set if they are PNGs: Croissant reads no OpenEXR.
+/// Describes the file set of a layer's pictures, and their record set if they are PNGs: Croissant cannot read OpenEXR.
 fn pictures(plan: &ExportPlan, summary: &Summary, layer: &str) -> (Value, Option<Value>) {
     let is_png = plan.request.encoding != PixelEncoding::Linear;
     let (format, ending) = if is_png { ("image/png", "png") } else { ("image/x-exr", "exr") };
@@ -131,7 +131,7 @@ fn id_field(set: &str, files: &str, regex: &str) -> Value {
     id
 }
 
-/// Describes the columns of `metadata.jsonl` that all tuples share.
+/// Describes the scalar columns of `metadata.jsonl` that every export has.
 fn columns() -> Vec<Value> {
     let columns = [
         ("id", "sc:Text"),
@@ -155,7 +155,7 @@ fn columns() -> Vec<Value> {
     columns.into_iter().map(field).collect()
 }
 
-/// Returns Croissant's own context, word by word and in its order; mlcroissant warns of any other context.
+/// Returns Croissant's own context, word for word and in the same order; mlcroissant warns of any other context.
 fn context() -> Value {
     const KEYS: &str = "@language @vocab citeAs column conformsTo cr rai data dataType equivalentProperty \
         dct examples extract field fileProperty fileObject fileSet format includes \

@@ -41,7 +41,7 @@ pub enum ExportError {
     Busy { out: PathBuf },
 }
 
-/// For `map_err`: converts the read error of a file of the export.
+/// Returns a function for `map_err` that converts an I/O error of a path in the export.
 pub(super) fn unreadable(path: &std::path::Path) -> impl FnOnce(io::Error) -> ExportError {
     let path = path.to_owned();
     move |source| ExportError::Read { path, source }

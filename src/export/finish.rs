@@ -28,7 +28,7 @@ pub(super) struct Total {
     pub(super) bytes: u64,
 }
 
-/// Writes metadata, card, Croissant and `SHA256SUMS`, in this order. All parts must be complete.
+/// Writes metadata, card, Croissant and `SHA256SUMS`, then removes the parts' records. All parts must be complete.
 pub(super) fn finish(
     run: &Run,
     plan: &ExportPlan,

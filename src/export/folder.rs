@@ -7,9 +7,9 @@ use std::fs::{File, TryLockError};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-/// Folder with the records of complete parts; removed when the export is complete.
+/// Folder with the lock and the records of complete parts; removed when the export is complete.
 pub(super) const STATE_FOLDER: &str = ".export";
-/// File with the digests of all files. It is written last, so its presence means that the export is complete.
+/// File with the digests of all other files. It is written last, so its presence means that the export is complete.
 pub(super) const SUMS_FILE: &str = "SHA256SUMS";
 pub(super) const CARD_FILE: &str = "README.md";
 pub(super) const CROISSANT_FILE: &str = "croissant.json";
@@ -17,12 +17,12 @@ pub(super) const CROISSANT_FILE: &str = "croissant.json";
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FolderState {
     Empty,
-    /// A started export of this request's scenes.
+    /// An unfinished export, with the request of its first call.
     Begun(Box<ExportRequest>),
     Complete,
 }
 
-/// Probes a folder without writing. Refuses a folder with other contents.
+/// Finds the state of a folder without writing. Refuses a folder with other contents, or with lost files.
 pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportError> {
     let foreign = |reason: String| ExportError::Foreign { out: out.to_owned(), reason };
     if out.exists() && !out.is_dir() {
@@ -95,13 +95,13 @@ fn is_part(name: &str, request: &ExportRequest) -> bool {
         })
 }
 
-/// True if `rest` has the form `-000000.tar`.
+/// True if `rest` has the form `-000000.tar`, with any digits.
 fn is_shard(rest: &str) -> bool {
     let number = rest.strip_prefix('-').and_then(|r| r.strip_suffix(".tar"));
     number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }
 
-/// Returns a missing file of `SHA256SUMS`, if any.
+/// Returns the first missing file of `SHA256SUMS`, if any.
 fn lost(out: &Path) -> Result<Option<String>, ExportError> {
     let path = out.join(SUMS_FILE);
     let sums = BufReader::new(File::open(&path).map_err(unreadable(&path))?);
@@ -115,7 +115,7 @@ fn lost(out: &Path) -> Result<Option<String>, ExportError> {
     Ok(None)
 }
 
-/// The folder, locked for this process.
+/// The exported folder, locked by this process.
 pub(super) struct ExportFolder {
     root: PathBuf,
     _lock: File,

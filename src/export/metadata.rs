@@ -1,4 +1,4 @@
-//! Formats a line of imagefolder's `metadata.jsonl`: file names and parameters of a tuple as columns.
+//! Formats a line of imagefolder's `metadata.jsonl`: file names, parameters and stated errors of a tuple as columns.
 
 use super::plan::ExportPlan;
 use super::sample::layer_file;

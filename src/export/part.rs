@@ -13,7 +13,7 @@ use render::atomic_file;
 use render::line::Split;
 use serde::{Deserialize, Serialize};
 
-/// Number of tuples in a part without a shard.
+/// Maximum number of tuples in a part without a shard.
 const TUPLES_A_PART: usize = 256;
 
 /// Record of a complete part.
@@ -22,7 +22,7 @@ const TUPLES_A_PART: usize = 256;
 pub(super) struct PartRecord {
     pub(super) numbers: Numbers,
     pub(super) files: Vec<FileRecord>,
-    /// Lines of `metadata.jsonl`.
+    /// Lines of `metadata.jsonl`; empty for formats without this file.
     pub(super) lines: Vec<String>,
 }
 
@@ -31,7 +31,7 @@ fn record_name(split: Split, number: usize) -> String {
 }
 
 impl PartRecord {
-    /// Reads the record of part `number`, if the part is complete. Fails if a file of the part has another length.
+    /// Reads the record of part `number`, if the part is complete. Fails if a file is missing or has another length.
     pub(super) fn read(
         folder: &ExportFolder,
         split: Split,

@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 #[serde(deny_unknown_fields)]
 pub struct LeftOut {
     pub scene: SceneId,
-    /// The reason of the quarantine; `null` for a scene that is not merged yet.
+    /// Reason for the quarantine; `null` for a scene that is not merged yet.
     pub reason: Option<String>,
 }
 
@@ -34,9 +34,9 @@ pub struct ExportOptions {
 pub struct ExportPlan {
     /// Content of `export.json`.
     pub request: ExportRequest,
-    /// Indices in the manifest: split by split, in the order of file names.
+    /// Indices of the exported scenes in the manifest: split by split, in the order of file names.
     pub scenes: Vec<usize>,
-    /// True for each layer that any scene has, in the order of [`Layer::ALL`].
+    /// True for each layer that any exported scene has, in the order of [`Layer::ALL`].
     pub layers: [bool; 4],
 }
 
@@ -94,7 +94,7 @@ impl ExportPlan {
         Self { request, scenes, layers }
     }
 
-    /// Returns the indices and names of the layers.
+    /// Returns the indices and names of the exported layers.
     pub(super) fn layers(&self) -> impl Iterator<Item = (usize, &'static str)> {
         Layer::NAMES.into_iter().enumerate().filter(|(layer, _)| self.layers[*layer])
     }
@@ -105,7 +105,7 @@ impl ExportPlan {
         left_out.filter_map(|l| Some((&l.scene, l.reason.as_deref()?)))
     }
 
-    /// Counts the scenes that are not merged yet.
+    /// Counts the scenes that the export leaves out because they are not merged yet.
     pub fn missing(&self) -> usize {
         let left_out = self.request.left_out.iter();
         left_out.filter(|l| l.reason.is_none()).count()
@@ -123,7 +123,7 @@ fn scenes(run: &Run, splits: &BTreeSet<Split>) -> Vec<usize> {
     scenes
 }
 
-/// Removes this machine's folders from a reason, so that an export does not reveal them.
+/// Replaces the folders of roots in a reason by the roots' names, and removes the run's folder, to hide these paths.
 fn without_places(run: &Run, reason: &str) -> String {
     let named = run.spec.roots.keys();
     let mut places: Vec<(String, String)> = named
@@ -132,7 +132,7 @@ fn without_places(run: &Run, reason: &str) -> String {
         })
         .collect();
     places.push((format!("{}/", run.root().display()), String::new()));
-    // A root may lie in the run's folder.
+    // The longest path comes first, because a root may lie in the run's folder.
     places.sort_by_key(|(place, _)| std::cmp::Reverse(place.len()));
     let text = reason.to_owned();
     places.iter().fold(text, |text, (place, name)| text.replace(place, name))

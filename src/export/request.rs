@@ -16,11 +16,11 @@ pub(super) const REQUEST_FILE: &str = "export.json";
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExportFormat {
-    /// Tars of the WebDataset library: `SPLIT-000000.tar` with `ID.LAYER.png` and `ID.json`.
+    /// Tars of the WebDataset library: `SPLIT-000000.tar` with `ID.LAYER.png` (or `.exr`) and `ID.json`.
     Webdataset,
     /// Hugging Face's imagefolder: `SPLIT/metadata.jsonl` and `SPLIT/LAYER/ID.png`.
     Imagefolder,
-    /// Folders of published sets: `SPLIT/blended/ID.png`, ...
+    /// Folders of published sets: `SPLIT/blended/ID.png` (or `.exr`), ...
     Pairs,
     /// A multi-part OpenEXR file for each tuple: `SPLIT/ID.exr`.
     Exr,
@@ -29,7 +29,7 @@ pub enum ExportFormat {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PixelEncoding {
-    /// The tuple's own PNGs, byte by byte: 8-bit sRGB codes, clipped at 1.
+    /// The tuple's own PNGs, byte for byte: 8-bit sRGB codes, clipped at 1.
     Srgb8,
     /// PNGs of 16-bit sRGB codes, clipped at 1.
     Srgb16,
@@ -54,7 +54,7 @@ pub struct ExportRequest {
     /// Maximum size of a shard, megabytes (1e6 bytes); only for WebDataset.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shard_mb: Option<u32>,
-    /// Scenes of the splits that the export leaves out.
+    /// Scenes that the export leaves out, although they are in its splits.
     pub left_out: Vec<LeftOut>,
 }
 
@@ -87,7 +87,7 @@ impl ExportRequest {
     }
 }
 
-/// Refuses combinations without a reader.
+/// Refuses invalid combinations of format and encoding.
 pub(super) fn check(format: ExportFormat, encoding: PixelEncoding) -> Result<(), ExportError> {
     let reason = match (format, encoding) {
         (ExportFormat::Imagefolder, PixelEncoding::Linear) => {

@@ -25,7 +25,7 @@ pub(super) struct Sample {
 const PAIR_FOLDERS: [&str; 4] =
     ["blended", "transmission_layer", "reflection_layer", "clean_reflection_layer"];
 
-/// Returns the path of a layer in an export; for [`ExportFormat::Exr`], of the file with all layers.
+/// Returns the path (in a tar, the name) of a layer's file; in [`ExportFormat::Exr`], one file has all layers.
 pub(super) fn layer_file(
     format: ExportFormat,
     encoding: PixelEncoding,
@@ -58,7 +58,7 @@ pub(super) fn layer_folders(plan: &ExportPlan, split: Split) -> Vec<String> {
     }
 }
 
-/// Reads a scene's tuple from the run's store, checks it, and encodes its files.
+/// Reads a scene's tuple from the run's store, checks the tuple, and encodes its files for the export.
 pub(super) fn sample(
     store: &Store,
     line: &SceneLine,
@@ -86,7 +86,7 @@ pub(super) fn sample(
     Ok(Sample { files, record })
 }
 
-/// Bytes of a tuple's files, by name.
+/// Bytes of a tuple's files, by name; `None` if the file is missing or was taken.
 struct TupleBytes(BTreeMap<String, Option<Bytes>>);
 
 impl TupleBytes {

@@ -11,7 +11,7 @@ use tar::{Builder, EntryType, Header};
 const BLOCK: u64 = 512;
 /// Length of the two empty blocks that end a tar.
 const END: u64 = 2 * BLOCK;
-/// Length above which a name needs an entry of its own.
+/// Length above which a name needs an entry of its own, bytes.
 const SHORT_NAME: usize = 100;
 
 pub(super) struct Shard {
@@ -32,7 +32,7 @@ impl Shard {
         self.bytes + tar_bytes(files) <= limit_bytes
     }
 
-    /// Adds members: owner 0, mode 0644, time 0.
+    /// Adds members with owner 0, mode 0644 and time 0.
     pub(super) fn add(&mut self, files: &[(String, Bytes)]) -> Result<(), ExportError> {
         for (name, bytes) in files {
             let mut header = Header::new_gnu();
@@ -64,7 +64,7 @@ impl Shard {
     }
 }
 
-/// Computes the size of members in a tar.
+/// Computes the size of members in a tar, bytes.
 fn tar_bytes(files: &[(String, Bytes)]) -> u64 {
     let blocks = |bytes: usize| (bytes as u64).div_ceil(BLOCK) * BLOCK;
     let of = |(name, bytes): &(String, Bytes)| {

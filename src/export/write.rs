@@ -18,11 +18,11 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Number of tuples per thread in a batch.
+/// Maximum number of tuples per thread in a batch.
 const BATCH: usize = 8;
 /// Maximum number of pixels in a batch, because memory holds two batches. A larger tuple has a batch of its own.
 const BATCH_PIXELS: u64 = 1 << 23;
-/// Number of tuples that are encoded to estimate the size of an export.
+/// Maximum number of tuples that are encoded to estimate the size of an export.
 const TRIALS: usize = 8;
 
 /// Result of an export, with the keys of `glasshouse.export/1`.
@@ -33,7 +33,7 @@ pub struct Exported {
     /// Number of tuples that earlier calls wrote.
     #[serde(rename = "tuples_resumed")]
     pub resumed: u64,
-    /// Number of files, without `SHA256SUMS`.
+    /// Number of files, without `SHA256SUMS`; 0 unless this call completed the export. The same applies to `bytes`.
     pub files: u64,
     pub bytes: u64,
     pub already_complete: bool,
@@ -42,7 +42,7 @@ pub struct Exported {
     pub stopped: bool,
 }
 
-/// Threads and callbacks of an export; they do not change its bytes.
+/// Threads, stop flag and callback of an export. They do not change the bytes of a complete export.
 pub struct ExportWork<'a> {
     pub threads: usize,
     /// Flag that ends the export after the current batch.
@@ -116,7 +116,7 @@ fn nothing_to_do(run: &Run, plan: ExportPlan) -> (ExportPlan, Exported) {
     (plan, exported)
 }
 
-/// Estimates the size of an export from some encoded tuples, bytes.
+/// Estimates the size of an export in bytes from some encoded tuples.
 pub fn estimate_bytes(run: &Run, store: &Store, plan: &ExportPlan) -> Result<u64, ExportError> {
     let count = plan.scenes.len();
     let trials = count.min(TRIALS);
@@ -204,7 +204,7 @@ impl SplitWriter<'_> {
     }
 }
 
-/// Splits lines into batches that fit into memory.
+/// Splits lines into batches of at most `most` scenes that fit into memory.
 fn batches<'a, 'b>(
     lines: &'a [&'b SceneLine],
     most: usize,

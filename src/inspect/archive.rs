@@ -7,13 +7,13 @@ use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read};
 
-/// Remedy for a damaged shard.
+/// Remedy for a damaged archive.
 const EXPORT: &str = "`glasshouse export RUN --format webdataset` makes it again";
-/// Maximum length of a sample's record, bytes.
+/// Maximum number of bytes that are read of a sample's record.
 const MAX_RECORD_BYTES: u64 = 1 << 24;
 const SHOWN: usize = 3;
 
-/// Explains an archive of `length` bytes, in one pass over its headers and records.
+/// Inspects an archive of `length` bytes, in one pass over its headers and records.
 pub(super) fn read(bytes: impl Read, length: u64) -> Inspection {
     let mut found = Inspection::new(Kind::Archive);
     found.bytes = Some(length);
@@ -54,7 +54,7 @@ struct Samples {
 #[derive(Default)]
 struct Sample {
     endings: BTreeSet<String>,
-    /// Layers in the sample's record.
+    /// Layers in the sample's record, if it can be read.
     layers: Option<Vec<String>>,
 }
 
@@ -97,7 +97,7 @@ impl Samples {
 }
 
 impl Sample {
-    /// Lists the layers of the record that have no picture; without a record, the endings that other samples have.
+    /// Lists the layers of the record that have no picture; without a record, the endings that only other samples have.
     fn missing<'a>(&'a self, all: &BTreeSet<&'a String>) -> Vec<&'a str> {
         let has = |layer: &str| self.endings.iter().any(|e| e.starts_with(&format!("{layer}.")));
         if let Some(layers) = &self.layers {

@@ -1,4 +1,4 @@
-//! Finds a file's kind from its bytes and calls the kind's reader.
+//! Finds a file's kind from its bytes or its name, and calls the kind's reader.
 
 use super::digests::{CheckpointDigests, hold_file};
 use super::facts::{Inspection, Problem};
@@ -8,7 +8,7 @@ use super::{archive, lists, manifest, partial, picture, record, tuple};
 use render::layer::Layer;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Number of first bytes that decide the kind.
+/// Number of bytes at the start of a file that decide its kind.
 pub(super) const HEAD_BYTES: usize = 1 << 16;
 
 /// Inspects a file. Never panics.
@@ -67,7 +67,7 @@ fn read(kind: Kind, input: &Input) -> Inspection {
     }
 }
 
-/// Inspects an OpenEXR file: a partial has the attribute `glasshouse`, a tuple has layers.
+/// Inspects an OpenEXR file. A partial has the attribute `glasshouse`, and a tuple has layers.
 fn image(input: &Input) -> Inspection {
     match super::exr::head(input.bytes) {
         Err(reason) => {
@@ -85,7 +85,7 @@ fn image(input: &Input) -> Inspection {
     }
 }
 
-/// Reports a file if its bytes identify no kind; `kind` is the kind by its name.
+/// Inspects a file with bytes that identify no kind; `kind` is the kind by its name. Only an empty lock is intact.
 fn unknown(input: &Input, kind: Kind) -> Inspection {
     let mut found = Inspection::new(kind);
     let start = format!("\"{}\"", input.bytes[..input.bytes.len().min(16)].escape_ascii());
@@ -121,7 +121,7 @@ fn unknown(input: &Input, kind: Kind) -> Inspection {
 mod tests {
     use super::*;
 
-    /// Truncated and changed bytes of any kind never make a reader panic, and a file is damaged if it has a problem.
+    /// Truncated and changed bytes of any kind never make a reader panic; exactly the files with problems are damaged.
     #[test]
     fn hostile_bytes_become_problems() {
         let beginnings: &[&[u8]] = &[

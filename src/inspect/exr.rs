@@ -15,14 +15,14 @@ const MAX_CHANNELS: usize = 256;
 /// Largest ratio of pixel bytes to file bytes that a header may claim. Deflate expands at most 1,032 times.
 const MOST_INFLATED: u64 = 1100;
 
-/// The header of the first layer.
+/// Header of the first part.
 pub(super) struct Head {
     pub(super) width: usize,
     pub(super) height: usize,
     /// Names and types of the channels.
     pub(super) channels: Vec<(String, &'static str)>,
     pub(super) compression: String,
-    /// Text attribute of a partial.
+    /// Text of the attribute `glasshouse`, which partials have.
     pub(super) attribute: Option<String>,
 }
 
@@ -35,7 +35,7 @@ impl Head {
         types.join(" and ")
     }
 
-    /// True if the image has channels of this layer, such as `input.R`.
+    /// True if the image has channels of the layer, such as `input.R`.
     pub(super) fn has_layer(&self, layer: &str) -> bool {
         self.channels.iter().any(|(name, _)| is_of(name, layer))
     }
@@ -45,7 +45,7 @@ fn is_of(channel: &str, layer: &str) -> bool {
     channel.strip_prefix(layer).is_some_and(|rest| rest.starts_with('.'))
 }
 
-/// Reads the header without allocating memory for the sizes that it claims.
+/// Reads the header without allocating memory for the claimed sizes. Rejects unsupported files.
 pub(super) fn head(bytes: &[u8]) -> Result<Head, String> {
     let meta =
         MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
@@ -117,7 +117,7 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
     found
 }
 
-/// Adds the layer in an image's file name, with its encoding.
+/// Adds the layer that the file name gives, if any, and the encoding of its values.
 pub(super) fn say_layer(found: &mut Inspection, name: &str, encoding: &str) {
     let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
     if Layer::NAMES.contains(&stem) {

@@ -10,11 +10,11 @@ use std::fmt::Write;
 const TEXT_SHOWN: usize = 1000;
 const LIST_SHOWN: usize = 8;
 
-/// Damage to a file.
+/// Damage to a file or folder, or an error that prevents its inspection.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
     pub what: String,
-    /// Location (line, byte, member or tensor), if known.
+    /// Location, such as a line, a byte or a sample, if known.
     #[serde(rename = "where")]
     pub place: Option<String>,
     pub to_do: String,
@@ -79,7 +79,7 @@ impl Facts {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inspection {
     pub kind: Kind,
-    /// Length of a file.
+    /// Length of a file, bytes; `None` for folders and unreadable files.
     pub bytes: Option<u64>,
     pub facts: Facts,
     pub whole: Whole,
@@ -135,7 +135,7 @@ pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
     text
 }
 
-/// Formats a value as text: a list with objects as its length, an object as its keys, with the values if all are plain.
+/// Formats a value as text: a list with objects as its length, and an object as its keys, with values if all are plain.
 pub(super) fn text_of(value: &Value) -> String {
     match value {
         Value::Null => "none".to_owned(),

@@ -54,7 +54,7 @@ fn read(path: &Path) -> io::Result<Inspection> {
     Ok(inspect_bytes(&Input { name: &name, bytes: &bytes, beside: &beside }))
 }
 
-/// Reads a file in or below the folder of `path`, but none above it.
+/// Reads a file in or below the folder of `path`. Returns `None` if it cannot be read, is too long, or lies elsewhere.
 fn file_beside(path: &Path, name: &str) -> Option<Vec<u8>> {
     let is_plain = |part: std::path::Component| matches!(part, std::path::Component::Normal(_));
     if !Path::new(name).components().all(is_plain) {

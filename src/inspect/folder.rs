@@ -1,4 +1,4 @@
-//! Inspects folders: a run, a tuple, a checkpoint, the training of a stage.
+//! Inspects folders: a run, a tuple, a checkpoint, the training of a stage, an export.
 
 use super::digests::{CheckpointDigests, Digested};
 use super::facts::{Inspection, Problem, Whole};
@@ -182,7 +182,7 @@ fn say_training(found: &mut Inspection, folder: &Path) {
     found.facts.value("training", stages);
 }
 
-/// Adds the state of a paused or cancelled run.
+/// Adds the state of a paused or cancelled run, or the damage of its `control.json`.
 fn say_control(found: &mut Inspection, folder: &Path) {
     let resume = format!("`glasshouse resume {}`", folder.display());
     let bytes = std::fs::read(folder.join(keys::CONTROL)).ok();

@@ -1,4 +1,4 @@
-//! Input of a reader.
+//! Input of a file's reader: name, bytes, and access to the files beside it.
 
 use super::facts::{Inspection, Problem};
 

@@ -1,4 +1,4 @@
-//! Kinds of files, recognised by their first bytes, or by their names if the bytes do not decide.
+//! Kinds of files and folders. The first bytes of a file decide its kind, or its name if the bytes do not decide.
 
 macro_rules! kinds {
     ($($kind:ident $name:literal $words:literal)*) => {
@@ -65,7 +65,7 @@ kinds! {
     Unknown "unknown" "unknown"
 }
 
-/// Schemas of JSON and TOML files.
+/// Schemas of JSON and TOML files, with the kinds of the files.
 const SCHEMAS: &[(&str, Kind)] = &[
     (render::line::SCENE_SCHEMA, Kind::Scene),
     (plan::RECIPE_SCHEMA, Kind::Recipe),
@@ -88,7 +88,7 @@ pub(super) fn schema_of(kind: Kind) -> Option<&'static str> {
     SCHEMAS.iter().find(|(_, of)| *of == kind).map(|(schema, _)| *schema)
 }
 
-/// Finds the kind of a file by its first bytes.
+/// Finds the kind of a file by its first bytes. For JSON without a unique form, the name decides, too.
 pub(super) fn kind_of(name: &str, head: &[u8]) -> Option<Kind> {
     Some(match head {
         [] => return None,
@@ -107,7 +107,7 @@ pub(super) fn kind_of(name: &str, head: &[u8]) -> Option<Kind> {
     })
 }
 
-/// Returns the head as text, or `None` if it is binary. The head may end within a character.
+/// Returns the head as text without leading spaces, or `None` if it is binary. The head may end within a character.
 fn text_of(head: &[u8]) -> Option<&str> {
     if head.contains(&0) {
         return None;
@@ -150,7 +150,7 @@ fn text_kind(name: &str, text: &str) -> Option<Kind> {
         .and_then(|rest| by_schema(rest.strip_prefix('=')?.trim_start().strip_prefix('"')?))
 }
 
-/// Finds the kind of the schema at the start of `text`, in any version.
+/// Finds the kind of files with the schema at the start of `text`, in any version.
 fn by_schema(text: &str) -> Option<Kind> {
     let schema = text.split(['"', '\n']).next()?;
     let stem = |schema: &'static str| schema.split('/').next().unwrap_or(schema);
@@ -188,7 +188,7 @@ fn json_kind(name: &str, text: &str) -> Option<Kind> {
     }
 }
 
-/// True if a line has the form of `sha256sum`: digest, two spaces, name.
+/// True if a line has the form of `sha256sum`: digest, two spaces (or a space and `*`), name.
 fn is_sum(line: &str) -> bool {
     let is_hex = |digest: &str| digest.bytes().all(|b| b.is_ascii_hexdigit());
     line.split_at_checked(64).is_some_and(|(digest, name)| {

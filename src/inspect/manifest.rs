@@ -71,7 +71,7 @@ fn say(found: &mut Inspection, lines: &[SceneLine]) {
     }
 }
 
-/// Parameters with displayed ranges, as JSON pointers into a line, with names for the elements of arrays.
+/// Names of the parameters with displayed ranges, and their JSON pointers into a line.
 const NUMBERS: &[(&str, &str)] = &[
     ("film.width", "/film/width"),
     ("film.height", "/film/height"),

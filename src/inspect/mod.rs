@@ -1,11 +1,11 @@
 //! `glasshouse inspect`: recognises files and checks whether they are intact.
 //!
-//! A path is a file or a folder. A file's first bytes decide its kind, and each kind has a reader. Small files share a
-//! generic reader (`record` and `lists`: checked by the type of their schema, shown as a table); partials, tuples,
-//! scene lines, tensors, archives and runs have special readers. Each group of modules uses only groups above it.
+//! A path is a file or a folder. Each kind of file has a reader. Small files share the generic readers
+//! `record` and `lists`, which check the type and show keys or columns; partials, tuples, scene lines, images, tensors,
+//! archives and runs have special readers. Each group of modules uses only itself and groups above it.
 //!
 //! Readers take bytes (or a stream) and return facts; only `file` and `folder` access the disk. Hostile bytes become a
-//! [`Problem`], never a panic, and every number in a header is checked against the file's length before it is used.
+//! [`Problem`], never a panic, and the sizes in a header are checked before memory is allocated for them.
 
 // Findings.
 mod kind;

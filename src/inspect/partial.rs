@@ -1,4 +1,4 @@
-//! Inspects partials: scene, shard and digest.
+//! Inspects partials: header, values and digest.
 
 use super::exr::{Head, say_values, to_do};
 use super::facts::{Inspection, Problem};
@@ -44,7 +44,7 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
 }
 
 fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
-    // tuple.json has the digests of the input files and the facts of the scene, too.
+    // `inputs` and `facts` are in tuple.json, too, and the digest is checked separately.
     const OMITTED: [&str; 4] = ["schema", "inputs", "facts", "blake3"];
     let object = json!(header);
     let object = object.as_object().into_iter().flatten();

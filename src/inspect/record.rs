@@ -100,7 +100,7 @@ fn keys_of<T: DeserializeOwned>(
     typed::<T>(found, input, to_do).map(|(_, object)| object)
 }
 
-/// Parses a TOML table; keeps the keys of nested tables and the lengths of lists of tables.
+/// Parses a TOML table. Replaces nested tables by their keys, and lists of tables by their lengths.
 fn toml_table<E: std::fmt::Display>(
     found: &mut Inspection,
     input: &Input,
@@ -149,7 +149,7 @@ pub(super) fn tell<'a>(
     }
 }
 
-/// Checks that the name of an attempt matches its content.
+/// Checks that the name of an attempt's record matches its content.
 fn check_name(found: &mut Inspection, name: &str, object: &Map<String, Value>) {
     let is_other = |(shards, n): ([u32; 2], u32)| {
         object.get("shards") != Some(&json!(shards)) || object.get("n") != Some(&json!(n))

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use train::safetensors::{Dtype, SafeTensors};
 use train::{CheckpointState, code_path};
 
-/// Checks `state.json` by its type, and compares its instructions with this machine's.
+/// Checks `state.json` by its type, and compares its instruction set with that of this machine.
 pub(super) fn check_state(found: &mut Inspection, input: &Input) {
     if !found.is_sound() {
         return;
@@ -25,10 +25,10 @@ pub(super) fn check_state(found: &mut Inspection, input: &Input) {
     }
 }
 
-/// Number of tensors, of values and of non-finite values of one network.
+/// Numbers of tensors, of values, and of non-finite 32-bit values of one network.
 type Group = [u64; 3];
 
-/// Adds the networks of a safetensors file and the shapes of its tensors.
+/// Adds the networks of a safetensors file and the shapes of its tensors. Non-finite values become problems.
 pub(super) fn tell(found: &mut Inspection, input: &Input) {
     let tensors = match SafeTensors::deserialize(input.bytes) {
         Ok(tensors) => tensors,

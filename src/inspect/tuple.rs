@@ -22,7 +22,7 @@ impl Digested for TupleRecord {
         vec!["tuple.exr"]
     }
 
-    /// Checks the size in the header against the file's length before it decompresses any data.
+    /// Compares the layers with their digests, after a check of the header's size against the file's length.
     fn compare(&self, _: &str, bytes: &[u8]) -> Result<(), String> {
         exr::head(bytes)?;
         decode_tuple_exr(bytes, self).map(drop)
@@ -66,7 +66,7 @@ pub(super) fn read_record(input: &Input) -> Inspection {
     let files = tuple_files(&record.scene);
     let is_missing = |name: &&String| (input.beside)(name).is_none();
     let missing: Vec<&str> = files.iter().filter(is_missing).map(String::as_str).collect();
-    // A record without other files is a copy.
+    // A record without any other file of its tuple is a copy.
     if missing.len() + 1 >= files.len() && files.len() > 1 {
         found.may_be_whole("its tuple's other files are not beside it");
         return found;

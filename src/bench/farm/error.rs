@@ -48,7 +48,7 @@ pub enum FarmBenchError {
 }
 
 impl FarmBenchError {
-    /// For `map_err`: wraps an I/O error of the operation `what`.
+    /// Returns a function for `map_err` that wraps an I/O error of the operation `what`.
     pub(super) fn system(what: &'static str) -> impl Fn(std::io::Error) -> Self {
         move |source| Self::System { what, source }
     }

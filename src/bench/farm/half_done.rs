@@ -12,19 +12,19 @@ use render::partial;
 use render::scene::{load, read_files};
 use render::trace::Isa;
 
-/// Sizes of the finished and the missing part of the run.
+/// Sizes of the finished and the missing parts of the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct HalfDone {
-    /// Number of scenes with a tuple: those at even positions.
+    /// Number of scenes with a tuple: those at even positions, counted from 0.
     pub(super) tuples: u64,
-    /// Number of stored partials: the first half of each scene without a tuple.
+    /// Number of stored partials: those of the first half of the shards of each scene without a tuple.
     pub(super) partials: u64,
     /// Number of scenes without a tuple.
     pub(super) missing: u64,
 }
 
 /// Makes the tuples of every other scene of a planned run, and the first half of the partials of the remaining scenes.
-/// Writes the same files as `work`, but does not wait for the disk. Calls `on_scene` after each scene.
+/// Unlike `work`, writes no other files and does not wait for the disk. Calls `on_scene` after each scene.
 pub(super) fn half_done(
     run: &Run,
     isa: Isa,

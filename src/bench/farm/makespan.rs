@@ -13,7 +13,7 @@ use std::time::{Duration, Instant, SystemTime};
 /// Time of the kill, as a share of the lower bound of a run with the slow worker.
 const KILLED_AT: f64 = 1.0 / 3.0;
 
-/// Measures `case` without and with its faults. By default, one worker is four times slower and another is killed.
+/// Measures `case` without and with its faults. If it has none, slows one of several workers and kills another.
 pub fn makespan(setup: &Setup, case: &Case, passes: u32) -> Result<Makespan, FarmBenchError> {
     let mut faulty = case.clone();
     ordered(&faulty)?;
@@ -56,7 +56,7 @@ fn usual_faults(case: &Case) -> Result<Vec<Fault>, FarmBenchError> {
 /// Time after the start, s, and worker of each kill.
 type Kills = Vec<(f64, usize)>;
 
-/// Returns the slowness of each worker, and the kills in order of time.
+/// Returns the slowness of each worker, and the kills in order of time. Fails for other faults.
 fn ordered(case: &Case) -> Result<(Vec<f64>, Kills), FarmBenchError> {
     let (mut slow, mut kills) = (vec![1.0; case.fleet.workers as usize], Vec::new());
     for fault in &case.faults {

@@ -16,9 +16,9 @@ pub struct Makespan {
     #[serde(flatten)]
     size: CaseSize,
     load_s: f64,
-    /// The run without faults, then the run with faults.
+    /// The passes without faults, then those with faults, if any.
     pub runs: Vec<MakespanRun>,
-    /// True if the tuples of all runs are bit by bit those of one process; false shows a defect.
+    /// True if the tuples of all runs equal those of one process bit for bit; false shows a defect.
     #[serde(rename = "tuples_equal_those_of_one_process")]
     pub tuples_equal: bool,
 }
@@ -40,7 +40,7 @@ pub struct MakespanRun {
     pub passes: Vec<Pass>,
 }
 
-/// One run of the farm.
+/// Figures of one run of the farm.
 #[derive(Clone, Debug, Serialize)]
 pub struct Pass {
     pub(super) makespan_s: f64,
@@ -53,7 +53,7 @@ pub struct Pass {
     pub(super) digest: String,
 }
 
-/// Returns a fault of a measured run as JSON and as text.
+/// Returns a fault as JSON and as text; `None` for faults that only the simulation has.
 fn fault_row(fault: &Fault) -> Option<(Value, String)> {
     match *fault {
         Fault::Kill { worker, at_s } => Some((

@@ -2,12 +2,12 @@
 //!
 //! ```text
 //! overhead       shards a second, 1 to N workers; the farm's CPU seconds per shard
-//! makespan       time of a run over its lower bound, without and with faults
+//! makespan       ratio of a run's time to its lower bound, without and with faults
 //! resume         time until a half-finished run resumes
-//! simulation     the same rules in virtual time, for any number of workers (farm::simulate)
+//! simulation     the farm's rules in virtual time, for any number of workers (farm::simulate)
 //!
-//! place          a temporary folder and a NATS server; process, server: child processes, killed on drop
-//! recipe         runs of tiny scenes that cost nothing to trace; half_done makes half of such a run
+//! place          temporary folder, queue and planned runs; process, server: child processes, killed on drop
+//! recipe         recipes of measured runs; half_done makes about half of a run's results
 //! ```
 
 mod error;

@@ -10,11 +10,11 @@ use crate::farm::Fault;
 use crate::farm::simulate::Work;
 use std::time::SystemTime;
 
-/// Duration of a sleeping shard, s. Sleeping shards show the farm's scaling beyond the number of cores.
+/// Nominal duration of a sleeping shard, s. Sleeping shards show the farm's scaling beyond the number of cores.
 pub(super) const ASLEEP_S: f64 = 0.05;
 /// Number of workers in the run with real shards.
 const REAL_WORKERS: u32 = 2;
-/// Tile side (px) and samples of the run with real shards: the defaults of `plan`.
+/// Tile side (px) and samples per pixel of the run with real shards. `plan` chooses this side for these samples.
 pub(super) const REAL: [u32; 2] = [256, 256];
 
 struct Plan {
@@ -24,8 +24,8 @@ struct Plan {
     asleep: Option<Work>,
 }
 
-/// Measures runs of 1, 2, 4, ... `workers`, on a queue and inside one process, with shards that cost nothing and with
-/// sleeping shards. The last run has real shards.
+/// Measures runs of 1, 2, 4, ... up to `workers` workers, on a NATS queue (if any) and inside one process, with shards
+/// that cost almost nothing and with sleeping shards. The last run has real shards.
 pub fn overhead(
     setup: &Setup,
     workers: u32,

@@ -12,7 +12,7 @@ use std::fmt;
 pub struct Overhead {
     #[serde(flatten)]
     pub how: Conditions,
-    /// Runs with shards that cost nothing or sleep.
+    /// Runs with shards that cost almost nothing or sleep.
     pub runs: Vec<OverheadRun>,
     pub real_shards: OverheadRun,
 }
@@ -24,16 +24,16 @@ pub struct OverheadRun {
     /// Number of processes on `nats`, or of threads in one `process`.
     pub workers: u32,
     pub shards: u64,
-    /// Sleep of each shard, s.
+    /// Mean sleep of a shard, s; 0 for shards that do not sleep.
     pub shard_s: f64,
-    /// Time until the last tuple is written, s.
+    /// Time from ready workers to the last written tuple, s.
     pub wall_s: f64,
     pub shards_per_s: f64,
-    /// CPU time that the farm adds to a shard.
+    /// CPU time that the farm adds to a shard, us.
     pub overhead_cpu_us_per_shard: f64,
-    /// Worker time per shard in addition to the sleep.
+    /// Worker time per shard in addition to the sleep, us.
     pub overhead_wall_us_per_shard: f64,
-    /// The farm's share of all CPU seconds.
+    /// The farm's share of all CPU seconds after start-up.
     pub overhead_cpu_share: f64,
     /// CPU seconds of all workers, by stage.
     pub cpu_seconds: BTreeMap<String, f64>,
@@ -64,14 +64,14 @@ impl OverheadRun {
         workers - self.cpu_of("before") + self.coordinator_cpu_s + self.server_cpu_s.unwrap_or(0.0)
     }
 
-    /// Returns the CPU seconds between files and tracer, and between tracer and tuples.
+    /// Returns the CPU seconds of reading and decoding inputs, and of merging, encoding and writing tuples.
     fn around_cpu_s(&self) -> f64 {
         let stages = ["read", "decode", "merge", "encode", "write"];
         stages.map(|stage| self.cpu_of(stage)).iter().sum()
     }
 
-    /// Returns an upper bound of the farm's own CPU seconds: checkpoints, queue, leases, coordinator, and all work of the
-    /// store's threads for tuples.
+    /// Returns an upper bound of the farm's own CPU seconds: checkpoints, queue, leases, coordinator, NATS server, and
+    /// all work of the store's threads for tuples.
     fn farm_cpu_s(&self) -> f64 {
         self.all_cpu_s() - self.cpu_of("trace") - self.around_cpu_s()
     }
@@ -142,7 +142,7 @@ impl fmt::Display for Overhead {
 mod tests {
     use super::*;
 
-    /// Four workers finish 100 shards that sleep 0.05 s in 2 s. The farm uses 1 of 3.5 CPU seconds after start-up.
+    /// In 2 s, four workers finish 100 shards that sleep 0.05 s each. The farm uses 1 of the 3.5 CPU seconds.
     #[test]
     fn derived_figures_follow_from_measured_ones() {
         let stages = [("before", 9.0), ("trace", 2.0), ("merge", 0.5), ("queue", 0.5)];

@@ -1,4 +1,4 @@
-//! The environment of a measurement: a temporary folder and a NATS server, both removed on drop.
+//! The environment of a measurement: a temporary folder, and a NATS server if one is installed or given.
 
 use super::error::FarmBenchError;
 use super::process::Process;
@@ -25,7 +25,7 @@ pub(super) struct Place<'a> {
 }
 
 impl<'a> Place<'a> {
-    /// Uses the queue of `setup`, or starts `nats-server` if it is installed.
+    /// Creates the folder, and uses the queue of `setup` or starts `nats-server` if it is installed.
     pub(super) fn new(setup: &'a Setup<'a>) -> Result<Self, FarmBenchError> {
         let folder = tempfile::Builder::new().prefix("glasshouse-").tempdir();
         let folder = folder.map_err(FarmBenchError::system("create a temporary folder"))?;
@@ -56,7 +56,7 @@ impl<'a> Place<'a> {
         self.url.as_deref().ok_or(FarmBenchError::NoQueue)
     }
 
-    /// Fails after a signal.
+    /// Fails if a signal has stopped the measurement.
     pub(super) fn go_on(&self) -> Result<(), FarmBenchError> {
         if self.setup.stop.load(Ordering::Relaxed) {
             return Err(FarmBenchError::Stopped);
@@ -87,12 +87,12 @@ impl<'a> Place<'a> {
         Ok(run)
     }
 
-    /// Starts this program on a queue inside the process.
+    /// Starts this program without a shared queue.
     pub(super) fn start(&self, arguments: &[&str]) -> Result<Process<'_>, FarmBenchError> {
         Process::start(self, self.command(arguments))
     }
 
-    /// Starts this program on the NATS server.
+    /// Starts this program with the NATS server as its queue.
     pub(super) fn start_on_queue(&self, arguments: &[&str]) -> Result<Process<'_>, FarmBenchError> {
         let mut command = self.command(arguments);
         // The command line would expose a password in the URL.

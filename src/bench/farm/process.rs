@@ -10,10 +10,10 @@ use std::time::{Duration, Instant};
 
 /// Start of the message of `work -v` that reports a ready worker; measurements wait for it.
 pub const WORK_BEGINS: &str = "work begins on ";
-/// End of the message of `work -v` about a loaded scene; measurements wait for it and count it.
+/// End of the message of `work -v` about a loaded scene; measurements wait for such messages and count them.
 pub const SCENE_LOADED: &str = " is loaded";
 
-/// Longest duration of a process.
+/// Duration after which a process counts as hung.
 const TOO_LONG: Duration = Duration::from_mins(10);
 /// Interval between polls of a process.
 const POLL: Duration = Duration::from_millis(5);
@@ -50,7 +50,7 @@ impl<'a> Process<'a> {
         self.since.elapsed()
     }
 
-    /// Waits for a line of `-v` that contains `what`.
+    /// Waits for a line of `-v` that contains `what`. Fails if the process ends or hangs before.
     pub(super) fn wait_until_it_says(&mut self, what: &str) -> Result<(), FarmBenchError> {
         loop {
             self.place.go_on()?;

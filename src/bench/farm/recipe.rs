@@ -1,6 +1,6 @@
-//! Writes the recipes of measured runs.
+//! Recipes of measured runs, as TOML.
 
-/// A run of small scenes of procedural photographs.
+/// Recipe of a run with scenes of procedural photographs.
 pub(super) struct Recipe {
     /// Unique name, because measurements may share a server.
     pub(super) name: String,
@@ -28,7 +28,7 @@ impl Recipe {
     }
 
     pub(super) fn text(&self) -> String {
-        // Enough photographs of either kind for ordered pairs in all scenes.
+        // Enough photographs of each place (indoors, outdoor) for a different ordered pair in every scene.
         let count = 16.max(2 * f64::from(self.scenes).sqrt().ceil() as u32 + 2);
         let ([width, height], [across, down]) = (self.film_px, self.photograph_px);
         format!(

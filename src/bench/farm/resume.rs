@@ -97,7 +97,7 @@ pub fn resume(
     })
 }
 
-/// Makes every shard sleep for an hour, so that no pass changes the run.
+/// Argument that makes every shard sleep for about an hour, so that no pass changes the run.
 const IDLE: &str = "--fault=cost:1,1,3600,0,0,0,0";
 
 fn work_arguments(path: &str) -> [&str; 6] {
@@ -142,7 +142,7 @@ fn measure_on_queue(
     let since = Instant::now();
     loop {
         place.go_on()?;
-        // Fails until the coordinator has created the stream.
+        // The call fails until the coordinator has created the stream.
         let waiting = queue.state().map_or(0, |state| state.waiting);
         if waiting == there.missing {
             times[2].push(since.elapsed().as_secs_f64());
@@ -158,7 +158,7 @@ fn measure_on_queue(
     times[3].push(worker.age().as_secs_f64());
     worker.kill();
     coordinator.terminate()?;
-    // With the attempt record of the killed worker, the next worker would take the scene for the cause of the crash.
+    // Because of the killed worker's attempt record, the next worker would assume that the scene causes crashes.
     let _ = std::fs::remove_dir_all(folder.join(crate::run::keys::ATTEMPTS));
     queue.remove()?;
     Ok(())

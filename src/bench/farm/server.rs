@@ -13,7 +13,7 @@ pub(super) struct Server {
 }
 
 impl Server {
-    /// Returns `None` if `nats-server` is not installed.
+    /// Starts the server and waits until it accepts connections. Returns `None` if `nats-server` is not installed.
     pub(super) fn start(folder: &Path) -> Result<Option<Self>, FarmBenchError> {
         let free = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
         let port = free.map_err(FarmBenchError::system("find a free port"))?.port();

@@ -5,7 +5,7 @@ use std::fmt;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-/// Receives the progress of a measurement.
+/// Receiver of a measurement's progress.
 pub trait Watcher: Sync {
     fn starts(&self, parts: u64);
     /// Names the part that starts now.
@@ -15,7 +15,7 @@ pub trait Watcher: Sync {
 
 pub struct Setup<'a> {
     pub program: &'a Path,
-    /// Address of a NATS server; `None` starts an installed `nats-server`.
+    /// Address of a NATS server; `None` to start `nats-server`, if it is installed.
     pub queue: Option<&'a str>,
     /// Name of the processor, if known.
     pub cpu: Option<String>,
@@ -24,7 +24,7 @@ pub struct Setup<'a> {
     pub watcher: &'a dyn Watcher,
 }
 
-/// The conditions of a measurement.
+/// Mode, queue and processor of a measurement.
 #[derive(Clone, Debug, Serialize)]
 pub struct Conditions {
     measured: bool,
@@ -38,7 +38,7 @@ impl Conditions {
         Self { measured: true, mode, queue, cpu }
     }
 
-    /// True if the processes shared a queue.
+    /// True if the measurement had a NATS server.
     pub fn has_queue(&self) -> bool {
         self.queue != super::place::NO_QUEUE
     }

@@ -1,4 +1,4 @@
-//! Simulates a farm in virtual time and prints its figures.
+//! Simulates a farm in virtual time and formats its figures.
 
 use super::error::FarmBenchError;
 use crate::bench::clock::cpu_s;
