@@ -1,4 +1,4 @@
-//! Procedural textures, filtered over the pixel's footprint: planks, tiles, bricks, pictures.
+//! Procedural textures, such as boards, tiles, bricks and pictures, filtered over the pixel's footprint.
 
 use super::material::{Material, color};
 use super::noise::{band, cloudy, floor, stripe};

@@ -31,9 +31,9 @@ struct Building {
     stone: Material,
 }
 
-/// Builds a building of this width, height and depth; the height is rounded down to whole storeys.
+/// Builds a building of this width, height and depth; the height is rounded down to whole storeys, but at least two.
 ///
-/// A `near` building also gets sills, lintels, a drainpipe and perhaps balconies.
+/// A `near` building also gets sills, lintels, jambs, a drainpipe and perhaps balconies.
 pub(super) fn building(
     b: &mut Builder,
     f: &Frame,
@@ -52,7 +52,7 @@ pub(super) fn building(
     let cell = Vec2::new(w / bays as f32, storey);
     let mut front = Material::new(Pattern::Facade(cell), coat, trim, r.seed());
     front.glow = night;
-    // The texture counts bays from the left end and storeys from the first floor.
+    // The texture counts bays from the end at -x and storeys from the first floor.
     let corner = f.at(-0.5 * w, base, 0.0, 0.0);
     let upper = h - base;
     b.block(&corner, [0.5 * w, 0.5 * upper, -0.5 * d], [w, upper, d], front);
@@ -163,7 +163,7 @@ fn roof(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], r: &mut Stream) {
     }
 }
 
-/// Builds a row of buildings along a side of the street: `side` is the sign of x, `x_m` the distance of the fronts.
+/// Builds a row of buildings along one side of a street: `side` is the sign of x, `x_m` the mean distance of fronts.
 pub(super) fn row(
     b: &mut Builder,
     side: f32,
