@@ -90,8 +90,8 @@ fn tiles(c: &mut Criterion) {
     group.finish();
 }
 
-/// Computes the spans and walks of the bundles of every sixteenth pixel across and down, in three scenes: short rays
-/// (t0) and long rays (r0 with apex `camera`).
+/// Computes the spans and walks of the bundles of every sixteenth pixel across and down, in three scenes, for short
+/// rays (t0) and long rays (r0 with apex `camera`).
 fn walks(c: &mut Criterion) {
     let mut group = c.benchmark_group("walk");
     group.sample_size(20);

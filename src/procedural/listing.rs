@@ -70,7 +70,7 @@ impl SamplePhotograph {
 
 /// Returns the first `count` photographs of the set with this seed.
 ///
-/// Places alternate first, then the scenes of a pair, then scans, then views. A shorter listing is a prefix of a longer one.
+/// Places vary fastest, then scenes in a pair, then scans, then views. A shorter listing is a prefix of a longer one.
 pub fn listing(count: usize, seed: u64) -> Vec<SamplePhotograph> {
     (0..count as u32).map(|i| photograph(i, seed)).collect()
 }

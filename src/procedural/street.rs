@@ -184,7 +184,7 @@ pub(super) fn row(
     }
 }
 
-/// Builds road, kerbs and pavements along z: `half_m` is half the road's width, `pavement_m` the width of a pavement.
+/// Builds a road, kerbs and pavements along z: `half_m` is half the road's width, `pavement_m` a pavement's width.
 pub(super) fn road(b: &mut Builder, half_m: f32, pavement_m: f32, r: &mut Stream) {
     let f = &Frame::world();
     let tar = color(r.pick(&[0x55565a, 0x4a4b4f, 0x625f5c]));

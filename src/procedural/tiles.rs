@@ -76,7 +76,7 @@ fn tile_range(from: f32, to: f32, count: usize) -> std::ops::Range<usize> {
     first..last.saturating_add(1).min(count)
 }
 
-/// Returns a bound of the least depth and the image rectangle of the box around a solid; `None` behind the near plane.
+/// Returns a lower depth bound and the image rectangle of a solid's box; `None` if the box is behind the near plane.
 fn outline(solid: &Solid, camera: &Camera) -> Option<(f32, [f32; 4])> {
     let half = solid.half();
     let corner = |k: usize| {

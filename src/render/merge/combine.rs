@@ -42,7 +42,7 @@ pub fn combine<P: Borrow<Partial>>(
     Ok(combined.tuple(line, in_order[0]))
 }
 
-/// Returns the partials in the order of their shards, if each shard has one and none is [`MergeError::Foreign`].
+/// Returns the partials in the order of their shards, or an error if a partial is missing or foreign.
 fn check_partials<'a>(
     line: &SceneLine,
     layout: &ShardLayout,
@@ -153,7 +153,7 @@ impl Combined {
         let mut records = BTreeMap::new();
         for layer in line.film.layers.iter() {
             let (pixels, samples) = (&self.layers[layer], self.samples[layer]);
-            // In an adaptive scene, all layers except R are seen through the lens and need the larger tail.
+            // All layers except R are seen through the lens and need the larger tail in adaptive scenes.
             let tail = if self.sample_sums.is_some() && layer != Layer::CleanReflection {
                 SMOOTH_OF_STOPPED
             } else {

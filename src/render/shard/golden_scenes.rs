@@ -1,4 +1,4 @@
-//! Defines the golden scenes: small scenes that together cover the branches of the tracer for photographs.
+//! Defines the golden scenes: small scenes of photographs that together cover most branches of the tracer.
 //!
 //! A new scene needs a row in [`SCENES`], its digest in the table of `golden.rs` (the test prints it), a reference
 //! image (see `tests/physics/golden.rs`) and a new name of the set, [`super::golden::SET`].
@@ -206,7 +206,7 @@ mod tests {
     use crate::trace::Surface;
 
     #[test]
-    fn golden_scenes_cover_the_branches_for_photographs() {
+    fn golden_scenes_cover_the_listed_features() {
         let scenes = golden_scenes();
         let any = |what: &str, has: &dyn Fn(&Scene) -> bool| {
             assert!(scenes.iter().any(|g| has(&g.scene)), "no scene with {what}");

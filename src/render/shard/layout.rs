@@ -5,7 +5,7 @@ use crate::trace::Tile;
 use std::ops::Range;
 
 /// Returns the samples per pixel of a shard: all if `spp` is at most 256, otherwise a sixteenth, but at least 256. (A
-/// shard of an adaptive scene has all samples, see [`ShardLayout::of`].) This number is part of the tracer's
+/// shard of an adaptive scene has all samples; see [`ShardLayout::of`].) This number is part of the tracer's
 /// definition, because means are rounded to f32 once per range.
 pub fn samples_per_range(spp: u32) -> u32 {
     spp.min((spp / 16).max(256))
@@ -20,7 +20,7 @@ const SHARD_SECONDS: f64 = 0.2;
 /// Available side lengths of a tile, px.
 const TILES_PX: [u32; 4] = [64, 96, 128, 256];
 
-/// Chooses the smallest tile with at least 0.2 s per shard on average over the manifest, or 256 px if none has this.
+/// Chooses the smallest tile with at least 0.2 s per shard on average over the manifest, otherwise 256 px.
 pub fn choose_tile_px(lines: &[SceneLine]) -> u32 {
     let seconds = |tile_px: u32| {
         let cost = |line: &SceneLine| {

@@ -68,7 +68,7 @@ pub fn scene_digest(line: &SceneLine) -> String {
 }
 
 impl Spec {
-    /// Lists the differences between `self` (the run) and `new` (the recipe), one per line; an empty text if both agree.
+    /// Lists the differences between `self` (the run) and `new` (the recipe), one per line. Equal specs have none.
     ///
     /// Ignores `roots`, which are locations and not content, and `left_out`.
     pub fn diff(&self, old_lines: &[SceneLine], new: &Self, new_lines: &[SceneLine]) -> String {

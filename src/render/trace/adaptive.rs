@@ -2,8 +2,8 @@
 //!
 //! A cell takes aligned power-of-two blocks of one sequence: first 16 samples, then blocks that double the number.
 //! The front (for I and T), the back (for I and R~) and R have separate sample counts. A part takes more samples while
-//! the error of T, R~ or R, respectively, is above the target, or while I's error is and the part causes most of it.
-//! The decision uses only the cell's own samples, and cells lie on a fixed grid, so tiles and threads change no pixel.
+//! its own layer (T, R~ or R) has an error above the target, or while I has one and the part causes most of it. The
+//! decision uses only the cell's own samples, and cells lie on a fixed grid, so tiles and threads change no pixel.
 
 use super::bundle::Tracer;
 use super::means::{Components, Means, NOTHING, PixelMeans, Wanted};
@@ -83,7 +83,7 @@ impl Cell {
         }
     }
 
-    /// Starts or doubles the samples of the unfinished parts with the fewest samples. Returns false if all have ended.
+    /// Starts or doubles the samples of the unfinished parts with the fewest samples. Returns false if no part is left.
     #[inline(always)]
     fn round<const AVX2: bool>(
         &mut self,

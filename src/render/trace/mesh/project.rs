@@ -23,11 +23,11 @@ pub struct Mesh {
 /// Counts of a mesh's triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshCounts {
-    /// Number of other triangles that are at least partly in front of the near plane.
+    /// Number of non-degenerate triangles that are at least partly in front of the near plane.
     pub traced: u64,
     /// Number of triangles with two equal corners.
     pub degenerate: u64,
-    /// Number of other triangles that are entirely behind the near plane.
+    /// Number of non-degenerate triangles that are entirely behind the near plane.
     pub behind: u64,
 }
 

@@ -158,7 +158,7 @@ impl Rays {
         }
     }
 
-    /// Tests one ray with edge functions in f64. An edge belongs to both of its triangles.
+    /// Tests one ray with edge functions in f64. A ray on an edge hits both triangles of the edge.
     #[inline(never)]
     fn meet_exactly(&self, corners: &Corners, l: usize) -> Option<[f32; 3]> {
         let sheared = corners.map(|[u, v, w]| {

@@ -287,7 +287,7 @@ fn stray(grid: &Grid, [x, y, sx, sy]: [f64; 4], hit: f64) -> f64 {
     nearest
 }
 
-/// True if the whole line stays inside the grid, independent of its hit.
+/// True if the line stays inside the grid for all w, regardless of its hit.
 fn stays_inside(grid: &Grid, [x, y, sx, sy]: [f64; 4]) -> bool {
     let top = f64::from(grid.extremes()[1]) * 1.001;
     let within = |x: f64, s: f64, n: usize| {
@@ -314,7 +314,7 @@ fn walk_fastest(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane 
     }
 }
 
-/// Calls `see` with every ray, its grid coordinates and the kernel's hit. Returns the number of rays inside the grid.
+/// Calls `see` with every ray, its grid coordinates and the kernel's hit. Counts the rays of groups inside the grid.
 fn shoot(
     terrain: &Terrain,
     target: Target,
