@@ -38,7 +38,7 @@ pub(super) enum Pattern {
     Road(f32),
     /// A row of letters on a coloured ground with these half sizes.
     Sign(Vec2),
-    /// A pane of glass.
+    /// A pane of glass or a surface of water.
     Pane,
 }
 

@@ -1,4 +1,4 @@
-//! Photographs in the layout of PLACES365: JPEGs by category, and relative inverse depth like the estimates of networks.
+//! Photographs in the layout of PLACES365: JPEGs by category, and relative inverse depth like estimates of networks.
 //!
 //! ```text
 //! DIR/data_256/LETTER/CATEGORY[/KIND]/00000001.jpg

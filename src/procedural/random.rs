@@ -63,7 +63,7 @@ impl Stream {
         (((self.bits() >> 32) * count as u64) >> 32) as usize
     }
 
-    /// Returns one of `choices`.
+    /// Returns one of `choices`, each with equal probability.
     pub(super) fn pick<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[self.index(choices.len())]
     }

@@ -163,7 +163,7 @@ fn roof(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], r: &mut Stream) {
     }
 }
 
-/// Builds a row of buildings along one side of a street: `side` is the sign of x, `x_m` the mean distance of fronts.
+/// Builds a row of buildings along one side of a street: `side` is the sign of x, `x_m` the mean |x| of the fronts.
 pub(super) fn row(
     b: &mut Builder,
     side: f32,

@@ -43,7 +43,7 @@ pub struct TupleRecord {
     pub base: String,
     /// Statistics of each requested layer by its name: `input`, `transmission`, `glass_reflection`, `clean_reflection`.
     pub layers: BTreeMap<String, LayerRecord>,
-    /// Focus, orders, dropped tail, shares.
+    /// Facts from loading the scene, such as focus, orders and dropped tail.
     pub facts: SceneFacts,
     /// Digests of the input files.
     pub inputs: InputDigests,

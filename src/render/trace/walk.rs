@@ -1,10 +1,9 @@
 //! Walks rays over the depth grid, from near to far, until they pass below the sheet.
 //!
 //! A ray is (u, v) = p + s w with decreasing w. Every cell of the sheet has two triangles, which meet on the diagonal
-//! from (i + 1, j) to (i, j + 1). At an edge that two cells share, a walk does not test again whether the
-//! ray is above the sheet, so no ray leaks between two cells. Outside the grid, the border's inverse depth continues to
-//! infinity in the outermost columns and rows of cells, so every ray ends on a surface and crosses at most nx + ny + 2
-//! cells.
+//! from (i + 1, j) to (i, j + 1). At an edge that two cells share, a walk does not test again whether the ray is above
+//! the sheet, so no ray leaks between two cells. Outside the grid, the border's inverse depth continues to infinity in
+//! the outermost columns and rows of cells, so every ray ends on a surface and crosses at most nx + ny + 2 cells.
 //!
 //! Coordinates are relative to an integer grid point near the pixel's bundle. Their rounding errors in f32 are about
 //! 1e-6 px; those of absolute coordinates would be 6e-5 px.
