@@ -1,7 +1,7 @@
 //! Soft light from windows, lamps and the surroundings on a surface, with soft shadows.
 //!
-//! Rays are traced on a coarse grid of pixels in sixteen interleaved patterns per 4 x 4 block. A blur over the block,
-//! limited to one surface, combines the patterns.
+//! Rays are traced on a coarse grid of pixels in sixteen interleaved patterns per block of 4 x 4 grid points. A
+//! blur over a block, limited to one surface, combines the patterns.
 
 use super::bounds::Bounds;
 use super::camera::Ray;

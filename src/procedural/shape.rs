@@ -116,7 +116,7 @@ impl Solid {
     }
 }
 
-/// Returns the parameters at which a ray enters and leaves a box with corners `low` and `high`, relative to its origin.
+/// Returns the parameters at which a ray enters and leaves a box; its corners are relative to the ray's origin.
 ///
 /// Comparisons take one instruction each, unlike `f32::min`. The result for a ray exactly in a face is unspecified.
 #[inline]
