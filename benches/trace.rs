@@ -1,4 +1,4 @@
-//! Measures the kernels on built-in scenes, with both instruction sets, to find regressions.
+//! Measures tracing, decoding and encoding on built-in scenes, and the kernels with each instruction set.
 //!
 //!     cargo bench --bench trace
 #![allow(missing_docs, clippy::unwrap_used, reason = "criterion's macros; benches may panic")]
@@ -61,13 +61,13 @@ fn polygons(decoded: &Decoded) -> Decoded {
     mesh.into()
 }
 
-/// Traces one tile of 32 x 32 px of the built-in pair at 256 samples.
+/// Traces one tile of 32 x 32 px of the built-in pair at 256 samples, with each apex, as photographs and as meshes.
 fn tiles(c: &mut Criterion) {
     let pair = pair(SIZE, FILM_PX).unwrap();
     let mut meshes = pair.clone();
     meshes.photographs.front = polygons(&pair.photographs.front);
     meshes.photographs.back = polygons(&pair.photographs.back);
-    // Fixes the focus distance, because the centre of a mesh would yield another one.
+    // Fixes the focus distance, because the centre of a mesh would yield another distance.
     let Decoded::Sheet(front) = &pair.photographs.front else {
         panic!("the built-in pair are photographs");
     };
@@ -90,8 +90,8 @@ fn tiles(c: &mut Criterion) {
     group.finish();
 }
 
-/// Computes span and walk for the ray bundle of every sixteenth pixel: short rays (t0), long rays (r0 with apex
-/// `camera`) and a rough surface.
+/// Computes the spans and walks of the bundles of every sixteenth pixel across and down, in three scenes, for short
+/// rays (t0) and long rays (r0 with apex `camera`).
 fn walks(c: &mut Criterion) {
     let mut group = c.benchmark_group("walk");
     group.sample_size(20);
@@ -118,7 +118,7 @@ fn walks(c: &mut Criterion) {
     group.finish();
 }
 
-/// Makes 256 samples of a pixel, on film and lens.
+/// Computes 256 samples of a pixel, on the film and the lens.
 fn samplers(c: &mut Criterion) {
     let seed = PixelSeed::new(1, 2, 3);
     let mut group = c.benchmark_group("sampler");
@@ -133,7 +133,7 @@ fn samplers(c: &mut Criterion) {
     group.finish();
 }
 
-/// Decodes files of 1024 x 768 px to a sheet, and builds a grid from the sheet.
+/// Decodes the files of a photograph of 1024 x 768 px to a sheet, and builds a grid from a sheet.
 fn scenes(c: &mut Criterion) {
     let bench_scene = pair(SIZE, FILM_PX).unwrap();
     let photograph = &procedural::listing(2, 2020)[1];
@@ -166,7 +166,7 @@ fn scenes(c: &mut Criterion) {
     group.finish();
 }
 
-/// Encodes the files of a tuple of 256 x 256 px.
+/// Encodes the images of a tuple of 256 x 256 px.
 fn tuples(c: &mut Criterion) {
     let bench_scene = pair(SIZE, FILM_PX).unwrap();
     let mut line = bench_scene.line.clone();

@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Returns the share of the light that passes through the glass.
 pub(crate) fn read(folder: &Path) -> Result<f64, Box<dyn Error>> {
-    // The renderer writes `tuple.json` last: if it exists, all files of the tuple do.
+    // The renderer writes `tuple.json` last: if it exists, all files of the tuple exist.
     let record: TupleRecord = serde_json::from_slice(&std::fs::read(folder.join("tuple.json"))?)?;
     let film = &record.scene.film;
     println!(
@@ -33,6 +33,6 @@ pub(crate) fn read(folder: &Path) -> Result<f64, Box<dyn Error>> {
         decode_tuple_exr(&exr, &record)?;
     let sum =
         |layer: &[[f32; 3]]| -> f64 { layer.as_flattened().iter().map(|&v| f64::from(v)).sum() };
-    // I - R~ is the light through the glass, and T is the same light without losses in the glass.
+    // I - R~ is the light through the glass, and T is the same light without the losses of the glass.
     Ok((sum(&input) - sum(&glass_reflection)) / sum(&transmission))
 }

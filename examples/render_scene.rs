@@ -32,7 +32,7 @@ pub(crate) fn render(folder: &Path) -> Result<(), Box<dyn Error>> {
             "intrinsics": { "fx": 886.81, "fy": 927.06, "cx": 512.0, "cy": 384.0, "size": [1024, 768] },
         }));
     }
-    // A scene line has every parameter of a scene, so that it gives the same pixels on every machine.
+    // A scene line and the input files determine the pixels on every machine. Omitted parameters have defaults.
     let line = serde_json::json!({
         "schema": "glasshouse.scene/1", "id": "example", "seed": 1,
         "film": { "width": 256, "height": 192, "spp": 64 },

@@ -37,7 +37,7 @@ pub(crate) fn train(folder: &Path, steps: u64) -> Result<Vec<f32>, Box<dyn Error
     };
     let cut = Cut { row: 32, column: 64, size: 64, mirrored: false };
 
-    // SP-net separates I into T* and R~*, BT-net restores R* from R~*; the paper's networks have a width of 64.
+    // SP-net separates I into T* and R~*, and BT-net restores R* from R~*. The width in the paper is 64.
     let settings = TrainSettings {
         width: 8,
         discriminator_width: 8,

@@ -1,4 +1,4 @@
-//! A small bounding volume hierarchy for shadow and ambient rays.
+//! A small bounding volume hierarchy for rays that test occlusion.
 
 use super::camera::Ray;
 use super::shape::{Solid, slabs};
@@ -88,7 +88,7 @@ fn split(solids: &mut [Solid], first: u32, depth: usize, nodes: &mut Vec<Node>) 
     split(right, first + middle as u32, depth + 1, nodes);
 }
 
-/// Returns the axis and position of the split with the least sum of surface area times number of solids.
+/// Returns the axis and position of the split of least cost (sum of area times count), or the middle of a deep node.
 fn best_split(solids: &mut [Solid], depth: usize) -> (usize, usize) {
     let count = solids.len();
     if depth >= MAX_DEPTH {

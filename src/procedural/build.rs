@@ -1,4 +1,4 @@
-//! Construction of solids in local axes: those of a piece of furniture, a wall or a car.
+//! Construction of solids in local axes, such as those of a piece of furniture, a wall or a car.
 
 use super::material::Material;
 use super::shape::{Shape, Solid};
@@ -41,7 +41,7 @@ fn turned(yaw_rad: f32) -> Mat3 {
 #[derive(Debug, Default)]
 pub(super) struct Builder {
     pub(super) solids: Vec<Solid>,
-    /// Positions of bulbs.
+    /// Positions of all bulbs, lit or not.
     lamps: Vec<Vec3>,
     pub(super) lamps_on: bool,
     group: u32,

@@ -15,7 +15,7 @@ pub fn intrinsics(width: u32, height: u32) -> Intrinsics {
     }
 }
 
-/// Returns a field of view of 60 degrees in both directions, which the paper's recipe assumes for PLACES365.
+/// Returns intrinsics with a field of view of 60 degrees across and down, as in the paper's recipe for PLACES365.
 pub fn places_intrinsics(width: u32, height: u32) -> Intrinsics {
     let (w, h) = (f64::from(width), f64::from(height));
     // 0.5 / tan(30 degrees)

@@ -1,4 +1,4 @@
-//! Light sources of rooms: windows, sun, lamps.
+//! Light of rooms: windows, sun, lamps, ambient light and the sky outside.
 
 use super::build::Frame;
 use super::material::color;
@@ -24,7 +24,7 @@ pub(super) struct Hole {
     pub(super) h: f32,
 }
 
-/// Returns daylight through the windows of `walls`, sunlight through wall number `lit`, and the light of `lamps`.
+/// Returns daylight through the windows of `walls`, perhaps sunlight through wall `lit`, lamplight and ambient light.
 pub(super) fn lights(
     walls: &[Wall],
     lit: usize,
@@ -39,7 +39,7 @@ pub(super) fn lights(
             let o = wall.window?;
             let axes = &wall.frame.axes;
             Some(Opening {
-                // The opening is outside of frame and bars, so that they cast shadows.
+                // The opening is outside the frame and the bars, so that these cast shadows.
                 centre: wall.frame.point(Vec3::new(o.x, o.sill + 0.5 * o.h, -0.14)),
                 half_u: axes.x_axis * (0.5 * o.w),
                 half_v: axes.y_axis * (0.5 * o.h),

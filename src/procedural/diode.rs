@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// Length of the header of a `.npy` file, bytes.
 const NPY_HEADER_BYTES: usize = 128;
 
-/// Errors of writing a procedural photograph.
+/// Reason why a procedural photograph cannot be encoded or written.
 #[derive(Debug, thiserror::Error)]
 pub enum SampleError {
     #[error(transparent)]
@@ -33,7 +33,7 @@ pub struct SampleFiles {
     pub color: Vec<u8>,
     /// Depth along the optical axis, m, as `.npy`.
     pub depth: Vec<u8>,
-    /// Mask as `.npy`: 1 where the depth is valid.
+    /// Mask as `.npy`: 1 where the depth is valid, otherwise 0.
     pub mask: Vec<u8>,
 }
 

@@ -1,4 +1,4 @@
-//! Fittings of rooms: lamps, pictures, doors, windows, plants.
+//! Fittings of rooms, such as lamps, pictures, doors, windows and plants.
 
 use super::build::{Builder, Frame};
 use super::material::{Material, color, plain};
@@ -89,7 +89,7 @@ pub(super) fn door(b: &mut Builder, f: &Frame, style: &Style) {
     b.rod(f, [0.4, 1.02, 0.03], [0.4, 1.02, 0.09], [0.012, 0.012], style.metal);
 }
 
-/// Builds frame, bars and curtains of a window with an opening of `w` by `h`, with its centre at the origin of `f`.
+/// Builds a window's frame, bars, sill and perhaps curtains. The opening is `w` by `h`, centred at the origin of `f`.
 pub(super) fn window(b: &mut Builder, f: &Frame, [w, h]: [f32; 2], style: &Style, r: &mut Stream) {
     let white = plain(0xece9e2);
     for side in [-0.5, 0.5] {

@@ -1,4 +1,4 @@
-//! Furniture, lamps, pictures and plants of a room, arranged by the kind of room.
+//! Furnishing of a room with furniture, lamps, pictures, doors, rugs and plants, arranged by the kind of room.
 
 use super::build::{Builder, Frame};
 use super::daylight::Wall;
@@ -28,11 +28,11 @@ pub(super) struct Room<'a> {
     pub(super) style: &'a Style,
     /// The point on the floor that the camera faces.
     pub(super) focus: Vec3,
-    /// Half of the back wall without a window, as the sign of the wall's x.
+    /// Half of the back wall that has no window, as the sign of the wall's x.
     pub(super) free: f32,
 }
 
-/// Furnishes a room. The order of the draws determines the pictures.
+/// Furnishes a room. A change in the order of the random draws changes the photographs.
 pub(super) fn furnish(b: &mut Builder, room: &Room, r: &mut Stream) {
     b.start_piece();
     match room.kind {
@@ -53,7 +53,7 @@ pub(super) fn furnish(b: &mut Builder, room: &Room, r: &mut Stream) {
     }
 }
 
-/// Places a low table, two sofas and a floor lamp.
+/// Places a low table with small objects, a rug, a wide and a narrow sofa, and a floor lamp.
 fn living(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
@@ -74,7 +74,7 @@ fn living(b: &mut Builder, room: &Room, r: &mut Stream) {
     fit::floor_lamp(b, &at, style);
 }
 
-/// Places a table with chairs below a pendant lamp.
+/// Places a table with small objects, four chairs, a rug and a pendant lamp.
 fn dining(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
@@ -94,7 +94,7 @@ fn dining(b: &mut Builder, room: &Room, r: &mut Stream) {
     fit::pendant(b, &f.at(0.0, 0.0, 0.2, 0.0), r.range(1.6, 1.75), room.size[1], style);
 }
 
-/// Places a desk with a lamp, a chair and boxes.
+/// Places a desk with a lamp, a chair, boxes and a ball.
 fn study(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
@@ -108,7 +108,7 @@ fn study(b: &mut Builder, room: &Room, r: &mut Stream) {
     fit::boxes(b, &f.at(r.range(0.75, 1.0), 0.0, -0.3, 0.4), r);
 }
 
-/// Places a bed against the back wall, between bedside tables.
+/// Places a bed against the back wall, between bedside tables with lamps, and a rug and a chair.
 fn bedroom(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
@@ -134,7 +134,7 @@ fn bedroom(b: &mut Builder, room: &Room, r: &mut Stream) {
     );
 }
 
-/// Places units along the back wall and an island with chairs.
+/// Places kitchen units (a cupboard if the wall has a window) along the back wall, and an island with chairs and lamp.
 fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);
@@ -158,7 +158,7 @@ fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream) {
     }
 }
 
-/// Places bookcases, chests, doors and pictures along the back wall.
+/// Places furniture, doors and pictures along the back wall; in a bedroom at most a picture, in a kitchen nothing.
 fn back_wall(b: &mut Builder, room: &Room, r: &mut Stream) {
     let w = room.size[0];
     let style = room.style;
@@ -200,7 +200,7 @@ fn side_walls(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     for wall in [1, 2] {
         let f = &room.walls[wall].frame;
-        // The left wall's x axis points towards the camera, the right wall's away from the camera.
+        // The x axis of the left wall points towards the camera, and that of the right wall away from the camera.
         let away = if wall == 1 { -1.0 } else { 1.0 };
         let mut places = vec![0.33 * d, -0.02 * d];
         if let Some(o) = room.walls[wall].window {
@@ -229,7 +229,7 @@ fn side_walls(b: &mut Builder, room: &Room, r: &mut Stream) {
     }
 }
 
-/// Places plants in the corners and near the middle of the view.
+/// Places plants in some of the far corners, and perhaps a plant near the middle of the view.
 fn plants(b: &mut Builder, room: &Room, r: &mut Stream) {
     let [w, _, d] = room.size;
     for side in [-1.0, 1.0] {

@@ -13,7 +13,7 @@ fn bright(r: &mut Stream) -> Vec3 {
     ]))
 }
 
-/// Builds a car, 4.2 m long, with its front towards +z.
+/// Builds a car, about 4.2 m long, with its front towards +z.
 pub(super) fn car(b: &mut Builder, f: &Frame, r: &mut Stream) {
     let body = Material::plain(bright(r)).glossy(0.07);
     let mut glass = plain(0x20282e).glossy(0.12);

@@ -1,4 +1,4 @@
-//! Digests of eight photographs. If they change, so do all procedural sets, smoke runs and their figures.
+//! Digests of eight photographs. If a digest changes, procedural sets, smoke runs and their figures also change.
 
 use super::{listing, render};
 

@@ -2,7 +2,7 @@
 
 use super::random::{lattice, unit};
 
-/// Least depth of a scanner, m.
+/// Least depth that a scanner measures, m.
 const NEAREST_M: f32 = 0.5;
 
 /// The surface at one pixel.

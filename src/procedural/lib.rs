@@ -1,7 +1,7 @@
 //! Procedural RGBD photographs of rooms, streets, squares and parks: inputs without downloads.
 //!
 //! The places have light, occlusion edges, depths from 0.5 m to 60 m, and the holes of a scanner. The seed determines
-//! every byte on all machines and for any number of threads: no clock, no system mathematics library.
+//! every byte on all machines and for any number of threads: the code uses no clock and no system mathematics library.
 //!
 //! ```text
 //! listing -> room, furnish | outdoors, street -> model -> tiles    -> light -> render -> diode | places

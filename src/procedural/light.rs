@@ -1,7 +1,7 @@
 //! Soft light from windows, lamps and the surroundings on a surface, with soft shadows.
 //!
-//! Rays are traced on a coarse grid of pixels in sixteen interleaved patterns per 4 x 4 block. A blur over the block,
-//! limited to one surface, combines the patterns.
+//! Rays are traced on a coarse grid of pixels in sixteen interleaved patterns per block of 4 x 4 grid points. A
+//! blur over a block, limited to one surface, combines the patterns.
 
 use super::bounds::Bounds;
 use super::camera::Ray;
@@ -15,7 +15,7 @@ const SPACING: usize = 4;
 const PATTERN_COUNT: usize = 16;
 /// Number of ambient rays of one pattern.
 const AMBIENT_RAYS: usize = 4;
-/// Number of rays of one pattern to each window.
+/// Number of rays of one pattern to each window. (One ray goes to each bulb.)
 const OPENING_RAYS: usize = 2;
 
 /// A visible surface point.
@@ -161,7 +161,7 @@ impl<'a> SoftGrid<'a> {
         Self { soft, across, down, cells }
     }
 
-    /// Interpolates the soft light at a surface point in pixel (i, j).
+    /// Interpolates the soft light at a surface point in pixel (i, j). Traces rays if no nearby grid point is similar.
     pub(super) fn at(&self, i: usize, j: usize, point: &Point) -> Vec3 {
         let place = |pixel: usize| (pixel as f32 - 2.0) / SPACING as f32;
         let (x, y) = (place(i).max(0.0), place(j).max(0.0));

@@ -27,7 +27,7 @@ impl Place {
     }
 }
 
-/// One photograph of a procedural set. These five values and the size determine the picture.
+/// One photograph of a procedural set. These five values, the size and the intrinsics determine the picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SamplePhotograph {
     /// Kind of place.
@@ -70,7 +70,7 @@ impl SamplePhotograph {
 
 /// Returns the first `count` photographs of the set with this seed.
 ///
-/// Places alternate, then scenes of a place, then scans of a scene. A shorter listing is a prefix of a longer one.
+/// Places vary fastest, then scenes in a pair, then scans, then views. A shorter listing is a prefix of a longer one.
 pub fn listing(count: usize, seed: u64) -> Vec<SamplePhotograph> {
     (0..count as u32).map(|i| photograph(i, seed)).collect()
 }

@@ -56,7 +56,7 @@ impl Material {
         Self { pattern, second, seed, ..Self::plain(main) }
     }
 
-    /// Creates the material of a lamp shade, which emits light and casts no shadow.
+    /// Creates the material of a lamp shade, which casts no shadow and emits light if `glow` is not 0.
     pub(super) fn lamp(main: Vec3, glow: f32) -> Self {
         Self { glow, casts_shadow: false, ..Self::plain(main) }
     }

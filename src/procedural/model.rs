@@ -24,7 +24,7 @@ pub(super) struct Bulb {
     pub(super) intensity: Vec3,
 }
 
-/// All light sources.
+/// All light sources of a place, and its ambient light.
 #[derive(Clone, Debug)]
 pub(super) struct Lights {
     pub(super) sun_direction: Vec3,
@@ -39,7 +39,7 @@ pub(super) struct Lights {
     pub(super) ambient_reach_m: f32,
 }
 
-/// A place, its lights and its camera.
+/// A place with its lights, sky and camera pose, and the picture's brightness and depth range.
 #[derive(Clone, Debug)]
 pub(super) struct Model {
     pub(super) solids: Vec<Solid>,

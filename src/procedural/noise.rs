@@ -34,7 +34,7 @@ pub(super) fn noise3(p: Vec3, seed: i32) -> f32 {
     mix(layer(k), layer(k + 1), w)
 }
 
-/// Sums up to four octaves of noise around 0.5. Omits octaves finer than `footprint`, because they alias.
+/// Sums up to four octaves of noise around 0.5. Fades out octaves finer than `footprint`, because they alias.
 pub(super) fn cloudy(x: f32, y: f32, footprint: f32, seed: i32) -> f32 {
     let (mut sum, mut weight, mut scale) = (0.5, 0.5, 1.0);
     for octave in 0..4 {

@@ -1,4 +1,4 @@
-//! Outdoor places: streets, squares with cafés, parks, by day or in the evening.
+//! Outdoor places (streets, squares with cafés, parks) by day or in the evening.
 
 use super::build::{Builder, Frame};
 use super::camera::Pose;
@@ -266,7 +266,7 @@ enum Thing {
     Person,
 }
 
-/// Places three objects near the camera and the view's middle, so that reflections contain depth edges.
+/// Places three objects close to the camera near the view's middle, so that reflections contain depth edges.
 fn foreground(b: &mut Builder, eye: Vec3, target: Vec3, kinds: &[Thing], r: &mut Stream) {
     let ahead = (target - eye) * Vec3::new(1.0, 0.0, 1.0);
     let ahead = ahead.normalize();

@@ -1,4 +1,4 @@
-//! Procedural textures, filtered over the pixel's footprint: planks, tiles, bricks, pictures.
+//! Procedural textures, such as boards, tiles, bricks and pictures, filtered over the pixel's footprint.
 
 use super::material::{Material, color};
 use super::noise::{band, cloudy, floor, stripe};
@@ -38,7 +38,7 @@ pub(super) enum Pattern {
     Road(f32),
     /// A row of letters on a coloured ground with these half sizes.
     Sign(Vec2),
-    /// A pane of glass.
+    /// A pane of glass or a surface of water.
     Pane,
 }
 

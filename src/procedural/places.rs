@@ -1,4 +1,4 @@
-//! Photographs in the layout of PLACES365: JPEGs by category, and relative inverse depth like that of networks.
+//! Photographs in the layout of PLACES365: JPEGs by category, and relative inverse depth like estimates of networks.
 //!
 //! ```text
 //! DIR/data_256/LETTER/CATEGORY[/KIND]/00000001.jpg
@@ -28,7 +28,7 @@ const JPEG_QUALITY: u8 = 92;
 pub struct PlacesPhotograph {
     /// The photograph in DIODE's numbering.
     pub photograph: SamplePhotograph,
-    /// Category as in the official list: `bedroom`, `library/indoor`.
+    /// Category as in the official list, such as `bedroom` or `library/indoor`.
     pub category: String,
     /// Number in the category, from 1.
     pub number: u32,
@@ -55,7 +55,7 @@ impl PlacesPhotograph {
 /// Returns the photographs of [`listing::listing`], with rooms assigned to the `indoors` categories in turn, and
 /// outdoor places to the `outdoors` categories.
 ///
-/// Categories are names of the official list. Panics if a list is empty.
+/// Categories are names of the official list. Panics if the list for a photograph is empty.
 pub fn places_listing(
     count: usize,
     seed: u64,
@@ -113,7 +113,7 @@ fn jpeg(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
         .map(|()| bytes)
 }
 
-/// Scales inverse depth so that the picture's range becomes 0 to 65535. Scale and shift are lost, as in estimates.
+/// Maps the picture's range of inverse depth to 0..=65535. Scale and shift are lost, as in the estimates of networks.
 fn relative_inverse(inverse_depth_per_m: &[f32]) -> Vec<u16> {
     let least = inverse_depth_per_m.iter().copied().fold(f32::MAX, f32::min);
     let most = inverse_depth_per_m.iter().copied().fold(0.0, f32::max);

@@ -2,7 +2,7 @@
 
 pub(super) use render::hash::splitmix64 as mix;
 
-/// Hashes a lattice point, for textures.
+/// Hashes a lattice point, for textures and holes.
 pub(super) fn lattice(x: i32, y: i32, z: i32) -> u32 {
     let mut h = (x as u32)
         .wrapping_mul(0x9E37_79B1)
@@ -63,7 +63,7 @@ impl Stream {
         (((self.bits() >> 32) * count as u64) >> 32) as usize
     }
 
-    /// Returns one of `choices`.
+    /// Returns one of `choices`, each with equal probability.
     pub(super) fn pick<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[self.index(choices.len())]
     }

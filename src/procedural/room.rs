@@ -1,4 +1,4 @@
-//! Rooms: four walls, a floor, windows; `furnish.rs` adds the furniture.
+//! Rooms: walls, floor, ceiling, windows and lights; `furnish.rs` adds the furniture.
 
 use super::build::{Builder, Frame};
 use super::camera::Pose;
@@ -52,7 +52,7 @@ pub(super) fn model(photograph: &SamplePhotograph) -> Model {
         hole(r, x)
     });
     if lit == 0 || r.chance(0.35) {
-        // A window behind the camera lights the back wall, which would otherwise be a silhouette.
+        // A window behind the camera lights the back wall, which may otherwise be a silhouette.
         walls[3].window = Some(hole(r, 0.2 * w));
     }
     shell(&mut b, &walls, [w, h, d], &style, r);

@@ -17,7 +17,7 @@ pub(super) enum Shape {
     Ellipsoid(Vec3),
     /// A frustum along y: radius at the bottom, radius at the top, half the height.
     Frustum(f32, f32, f32),
-    /// An ellipsoid with these radii and, for this seed, holes like those between leaves.
+    /// An ellipsoid with these radii and with holes like those between leaves, drawn from this seed.
     Foliage(Vec3, i32),
 }
 
@@ -61,7 +61,7 @@ impl Solid {
         a.x_axis.abs() * h.x + a.y_axis.abs() * h.y + a.z_axis.abs() * h.z
     }
 
-    /// Returns the smallest ray parameter below `t_max` at which the ray meets the solid.
+    /// Returns the smallest ray parameter below `t_max` at which the ray enters the solid or, in foliage, meets a leaf.
     #[inline]
     pub(super) fn intersect(&self, ray: &Ray, t_max: f32) -> Option<f32> {
         let o = self.local(ray.origin - self.centre);
@@ -116,7 +116,7 @@ impl Solid {
     }
 }
 
-/// Returns the parameters at which a ray enters and leaves a box with corners `low` and `high`, relative to its origin.
+/// Returns the parameters at which a ray enters and leaves a box; its corners are relative to the ray's origin.
 ///
 /// Comparisons take one instruction each, unlike `f32::min`. The result for a ray exactly in a face is unspecified.
 #[inline]
@@ -135,7 +135,7 @@ fn block(o: Vec3, d: Vec3, half: Vec3, t_max: f32) -> Option<f32> {
     (near <= far && near > NEAREST && near < t_max).then_some(near)
 }
 
-/// Returns both parameters at which a line meets the unit sphere.
+/// Returns both parameters at which a line meets the unit sphere; `None` if it misses the sphere.
 #[inline]
 fn ellipsoid(o: Vec3, d: Vec3) -> Option<(f32, f32)> {
     let a = d.dot(d);

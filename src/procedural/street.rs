@@ -31,9 +31,9 @@ struct Building {
     stone: Material,
 }
 
-/// Builds a building of this width, height and depth; the height is rounded down to whole storeys.
+/// Builds a building of this width, height and depth; the height is rounded down to whole storeys, but at least two.
 ///
-/// A `near` building also gets sills, lintels, a drainpipe and perhaps balconies.
+/// A `near` building also gets sills, lintels, jambs, a drainpipe and perhaps balconies.
 pub(super) fn building(
     b: &mut Builder,
     f: &Frame,
@@ -52,7 +52,7 @@ pub(super) fn building(
     let cell = Vec2::new(w / bays as f32, storey);
     let mut front = Material::new(Pattern::Facade(cell), coat, trim, r.seed());
     front.glow = night;
-    // The texture counts bays from the left end and storeys from the first floor.
+    // The texture counts bays from the end at -x and storeys from the first floor.
     let corner = f.at(-0.5 * w, base, 0.0, 0.0);
     let upper = h - base;
     b.block(&corner, [0.5 * w, 0.5 * upper, -0.5 * d], [w, upper, d], front);
@@ -163,7 +163,7 @@ fn roof(b: &mut Builder, f: &Frame, [w, h, d]: [f32; 3], r: &mut Stream) {
     }
 }
 
-/// Builds a row of buildings along a side of the street: `side` is the sign of x, `x_m` the distance of the fronts.
+/// Builds a row of buildings along one side of a street: `side` is the sign of x, `x_m` the mean |x| of the fronts.
 pub(super) fn row(
     b: &mut Builder,
     side: f32,
@@ -184,7 +184,7 @@ pub(super) fn row(
     }
 }
 
-/// Builds road, kerbs and pavements along z: `half_m` is half the road's width, `pavement_m` the width of a pavement.
+/// Builds a road, kerbs and pavements along z: `half_m` is half the road's width, `pavement_m` a pavement's width.
 pub(super) fn road(b: &mut Builder, half_m: f32, pavement_m: f32, r: &mut Stream) {
     let f = &Frame::world();
     let tar = color(r.pick(&[0x55565a, 0x4a4b4f, 0x625f5c]));

@@ -6,7 +6,7 @@ use glam::Vec3;
 
 /// Side of a tile, px.
 pub(super) const TILE: usize = 16;
-/// Near plane of outlines, m.
+/// Distance of the near plane of outlines, m.
 const NEAR_M: f32 = 0.05;
 
 /// A visible point.
@@ -21,7 +21,7 @@ pub(super) struct Hit {
 #[derive(Debug)]
 pub(super) struct Tiles {
     across: usize,
-    /// Pairs (least depth, index of the solid) of each tile.
+    /// Pairs (lower bound of the depth, index of the solid) of each tile.
     lists: Vec<Vec<(f32, u32)>>,
 }
 
@@ -76,7 +76,7 @@ fn tile_range(from: f32, to: f32, count: usize) -> std::ops::Range<usize> {
     first..last.saturating_add(1).min(count)
 }
 
-/// Returns least depth and image rectangle of the box around a solid; `None` if the box is behind the camera.
+/// Returns a lower depth bound and the image rectangle of a solid's box; `None` if the box is behind the near plane.
 fn outline(solid: &Solid, camera: &Camera) -> Option<(f32, [f32; 4])> {
     let half = solid.half();
     let corner = |k: usize| {

@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 pub enum MergeError {
     #[error("scene {scene}: {} of {total} shards are missing (first: {}); trace them with `work`, then merge again", missing.len(), missing[0])]
     Gaps { scene: String, missing: Vec<u32>, total: u32 },
-    /// A partial of another scene, plan or tracer version.
+    /// A partial of another scene, plan, tracer version or set of input files.
     #[error("scene {scene}: the partial of shard {shard} {reason}; delete it and run `work` again")]
     Foreign { scene: String, shard: u32, reason: &'static str },
     #[error(
@@ -42,7 +42,7 @@ pub fn combine<P: Borrow<Partial>>(
     Ok(combined.tuple(line, in_order[0]))
 }
 
-/// Returns the partials in the order of their shards, if each shard has a partial and all belong to this scene.
+/// Returns the partials in the order of their shards, or an error if a partial is missing or foreign.
 fn check_partials<'a>(
     line: &SceneLine,
     layout: &ShardLayout,
@@ -80,7 +80,7 @@ fn check_partials<'a>(
 /// Images of the partials added so far.
 struct Combined {
     layers: PerLayer<Vec<[f32; 3]>>,
-    /// Moves of each pixel; their sum runs row by row, independent of the tiles.
+    /// Moves of each pixel, which are later summed row by row, regardless of the tiles.
     moves: PerLayer<Moves>,
     samples: PerLayer<u32>,
     sample_sums: Option<PerLayer<u64>>,
@@ -153,7 +153,7 @@ impl Combined {
         let mut records = BTreeMap::new();
         for layer in line.film.layers.iter() {
             let (pixels, samples) = (&self.layers[layer], self.samples[layer]);
-            // Only layers seen through the lens need the larger tail, so R does not.
+            // All layers except R are seen through the lens and need the larger tail in adaptive scenes.
             let tail = if self.sample_sums.is_some() && layer != Layer::CleanReflection {
                 SMOOTH_OF_STOPPED
             } else {

@@ -34,8 +34,8 @@ impl Moves {
         square_error(mean(&self.last), mean(&self.before), tail).sqrt()
     }
 
-    /// Computes the RMS of the last moves over the pixels and colours of each cell, row by row, for a film of `width`
-    /// px. Scales the map so that the RMS over all pixels is `rms`.
+    /// Computes the RMS of the last moves over the pixels and colours of each cell, row by row, for a film `width` px
+    /// wide. Scales the map so that the RMS over all pixels is `rms`, unless no pixel moves.
     pub(super) fn map(&self, width: usize, rms: f64) -> Vec<f32> {
         const CELL: usize = CELL_PX as usize;
         let mean = self.last.iter().sum::<f64>() / self.last.len() as f64;
@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_map_adds_up_to_the_stated_error() {
+    fn the_rms_of_a_map_is_the_stated_error() {
         // A film of 3 x 3 px has cells of 4, 2, 2 and 1 px.
         let mut moves = Moves::new(9);
         for (pixel, last) in [(0, 0.5), (0, -0.25), (4, 0.125), (5, 0.5), (8, 0.25)] {

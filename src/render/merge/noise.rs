@@ -2,8 +2,8 @@
 //!
 //! The last doubling of the samples moves a pixel's mean (first half to all). A value of the map is the RMS of these
 //! moves over the pixels of a cell and their colours, times one factor per layer that makes the RMS over all pixels the
-//! layer's stated error. A cell has 2 x 2 px, because the move of one pixel is a poor estimate of its error; four are a
-//! better one in a quarter of the space. The map is not part of the tuple and may be missing.
+//! layer's stated error. A cell has 2 x 2 px, because the move of one pixel is a poor estimate of its error; four
+//! pixels give a better estimate in a quarter of the space. The map is not part of the tuple and may be missing.
 
 use crate::formats::exr_read::{check_headers, decode_exr_channels};
 use crate::formats::exr_write::{HALF_MAX, encode_exr};
@@ -40,7 +40,7 @@ impl NoiseMap {
         self.layers.0.iter().all(Vec::is_empty)
     }
 
-    /// Encodes the map as OpenEXR with ZIP: a channel per layer, of half floats, or of floats if a value needs them.
+    /// Encodes the map as OpenEXR with ZIP, one channel per layer: half floats, or floats if a value needs them.
     pub fn encode(&self) -> Result<Vec<u8>, exr::error::Error> {
         let half = self.layers.0.iter().flatten().all(|&v| v <= HALF_MAX);
         let made = self.layers.iter().filter(|(_, values)| !values.is_empty());
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn hostile_bytes_end_in_an_error() {
+    fn hostile_bytes_do_not_panic() {
         let film = film();
         let good = map().encode().unwrap();
         // The film has another size than the map.
@@ -157,7 +157,7 @@ mod tests {
         let mut film_of_it = film.clone();
         (film_of_it.width, film_of_it.height) = (32_768, 32_768);
         NoiseMap::decode(&bytes, &film_of_it).unwrap_err();
-        // The bytes are cut off at every length, or one of them is changed.
+        // The file is truncated at every length, or one byte is changed.
         for end in 0..good.len() {
             NoiseMap::decode(&good[..end], &film).unwrap_err();
         }

@@ -1,4 +1,4 @@
-//! A tuple: the four images of a scene and their provenance.
+//! A tuple: the images of a scene, up to four, and their provenance.
 
 use super::noise::NoiseMap;
 use crate::layer::{Layer, PerLayer};
@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 /// Schema name of `tuple.json`.
 pub const TUPLE_SCHEMA: &str = "glasshouse.tuple/1";
 
-/// Four linear Rec.709 images and their record.
+/// Up to four linear Rec.709 images and their record.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tuple {
     /// Width, px.
@@ -32,7 +32,7 @@ impl Tuple {
     }
 }
 
-/// `tuple.json`: all data needed to reproduce the tuple, without data that differ between equal runs.
+/// Content of `tuple.json`: statistics and provenance of a tuple, without data that differ between equal runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TupleRecord {
@@ -41,9 +41,9 @@ pub struct TupleRecord {
     pub tracer_version: u32,
     /// Base folder of the scene's relative paths, relative to this file's folder.
     pub base: String,
-    /// Statistics of each layer by its name: `input`, `transmission`, `glass_reflection`, `clean_reflection`.
+    /// Statistics of each requested layer by its name: `input`, `transmission`, `glass_reflection`, `clean_reflection`.
     pub layers: BTreeMap<String, LayerRecord>,
-    /// Focus, orders, dropped tail, shares.
+    /// Facts from loading the scene, such as focus, orders and dropped tail.
     pub facts: SceneFacts,
     /// Digests of the input files.
     pub inputs: InputDigests,
@@ -54,13 +54,13 @@ pub struct TupleRecord {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LayerRecord {
-    /// Samples per pixel; in adaptive scenes the maximum.
+    /// Samples per pixel of the layer's strongest order; in adaptive scenes the maximum.
     pub samples: u32,
     /// Mean number of samples per pixel; only for adaptive scenes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_samples: Option<f64>,
     /// Estimated RMS error of the layer, linear (see [`crate::trace::square_error`]); `null` for a single sample, which
-    /// has no halves.
+    /// has no half.
     pub error_rms: Option<f64>,
     /// Mean over all pixels and colours, linear.
     pub mean: f64,
@@ -68,7 +68,7 @@ pub struct LayerRecord {
     pub max: f64,
     /// Share of the values above 1, which the PNG clips.
     pub clipped_share: f64,
-    /// Share of the paths that ended on the continuation of a photograph's border.
+    /// Share of the paths that ended on the continuation of a photograph's border or hit no triangle of a mesh.
     pub miss_share: f64,
     /// BLAKE3 of the pixels as 32-bit floats (little endian, R G B, row by row).
     pub blake3: String,

@@ -36,7 +36,7 @@ fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
 
 /// True if the folder contains the complete tuple of this scene line, made by this version of the tracer.
 ///
-/// Callers render and replace a tuple of another plan or with a missing file.
+/// Otherwise, callers render the scene and replace the tuple.
 pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
     let Ok(text) = std::fs::read_to_string(folder.join("tuple.json")) else {
         return false;
@@ -106,7 +106,7 @@ pub fn encode_png16(
     height: u32,
 ) -> Result<Vec<u8>, image::ImageError> {
     let values = pixels.as_flattened().iter();
-    // The encoder converts from native byte order to PNG's.
+    // The encoder converts the native byte order to that of PNG.
     let bytes: Vec<u8> = values.flat_map(|&v| linear_to_srgb16(v).to_ne_bytes()).collect();
     png(&bytes, [width, height], ExtendedColorType::Rgb16)
 }
@@ -122,7 +122,7 @@ fn png(
     Ok(png)
 }
 
-/// True if the layers are stored as half floats: the scene requests it and their values permit it.
+/// True if `tuple.exr` stores half floats: the scene requests them, and no value exceeds their range.
 pub(super) fn is_half(line: &SceneLine, layers: &PerLayer<Vec<[f32; 3]>>) -> bool {
     let mut values = layers.0.iter().flatten().flatten();
     line.film.exr == ExrPrecision::Half && values.all(|&v| v <= HALF_MAX)
@@ -134,8 +134,8 @@ pub(super) fn halved(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
     pixels.map(|p| p.map(|v| f16::from_f32(v).to_f32())).collect()
 }
 
-/// Encodes all layers in one file, with channels `input.R`, ...: in half floats if the scene requests it and the values
-/// permit it, otherwise in floats.
+/// Encodes all layers in one file, with channels `input.R`, ...: half floats if the scene requests them and no value
+/// exceeds their range, otherwise floats.
 pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
     let precision = if is_half(&tuple.record.scene, &tuple.layers) {
         ExrPrecision::Half

@@ -11,7 +11,7 @@ use exr::prelude::{
 };
 use std::path::{Path, PathBuf};
 
-/// Error for a file that is not a usable partial. Its shard is traced again.
+/// Error for a file that is not a usable partial. The shard of this file is traced again.
 #[derive(Debug, thiserror::Error)]
 #[error("partial {} is not usable: {reason}; it will be traced again", path.display())]
 pub struct PartialError {
@@ -24,10 +24,10 @@ const ATTRIBUTE: &str = "glasshouse";
 const COLOURS: [&str; 3] = ["R", "G", "B"];
 /// Number of pixels that `planes` splits into channels at once.
 const BLOCK_PIXELS: usize = 128;
-/// Upper bound of the size of a file's header and line offsets, bytes.
+/// Memory reserved for the header and the line offsets of an encoded file, bytes.
 const HEADER_BYTES: usize = 1 << 16;
 
-/// Lists the channel names with the indices of their values in a pixel.
+/// Lists the channels of a file: name, part (0: all samples, 1: first half, 2: first quarter), layer and colour.
 fn channels() -> impl Iterator<Item = (String, usize, Layer, usize)> {
     ["", "_half", "_quarter"].into_iter().enumerate().flat_map(|(part, suffix)| {
         Layer::ALL.into_iter().flat_map(move |layer| {
@@ -98,7 +98,7 @@ pub(super) fn encode_as(
     write_exr_into(&image, Vec::with_capacity(length))
 }
 
-/// Decodes a partial and checks its digest. `path` is only for the error.
+/// Decodes a partial and checks its digest. Only the error uses `path`.
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
     // The exr crate may panic on invalid bytes.
     let result = std::panic::catch_unwind(|| decode_inner(bytes));
@@ -108,7 +108,7 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
 }
 
 fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
-    // This check precedes any allocation. Partials are uncompressed: a file is at least as long as its pixels.
+    // This check precedes the allocation of pixels. Partials are uncompressed, so a file is longer than its pixels.
     check_claim(&headers(bytes)?, bytes.len() as u128)?;
     let layer = first_layer(bytes)?;
     let header = match layer.attributes.other.get(&Text::from(ATTRIBUTE)) {

@@ -29,7 +29,7 @@ pub struct PartialHeader {
     pub tile: Tile,
     /// Half-open range of sample indices.
     pub samples: [u32; 2],
-    /// Samples per pixel of each layer.
+    /// Samples per pixel of each layer, as in [`crate::trace::TileResult::samples`].
     pub layer_samples: PerLayer<u32>,
     /// Samples of each layer, summed over the pixels; only for adaptive scenes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -44,7 +44,7 @@ pub struct PartialHeader {
 }
 
 impl PartialHeader {
-    /// Formats the header as JSON, as in the file.
+    /// Formats the header as the JSON text of the file.
     pub fn to_json(&self) -> String {
         serde_json::to_string(self).expect("a header of plain numbers and strings is JSON")
     }

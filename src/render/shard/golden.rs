@@ -34,7 +34,7 @@ const DIGESTS: &[(&str, &str)] = &[
     ("two-layers", "2262b0706e64c6f390184e9d163b0a53e1d0baae1299b446cd39273dd32e732b"),
 ];
 
-/// Traces the golden scenes on this machine, in tens of milliseconds of one thread. Returns one digest of all digests.
+/// Traces the golden scenes on this machine, which takes one thread tens of milliseconds. Returns one joint digest.
 pub fn golden(isa: Isa, threads: usize) -> Golden {
     let scenes = golden_scenes();
     let digests: Vec<OnceLock<String>> = scenes.iter().map(|_| OnceLock::new()).collect();

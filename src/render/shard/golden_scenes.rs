@@ -1,7 +1,7 @@
-//! Defines the golden scenes: small scenes that together cover every branch of the tracer.
+//! Defines the golden scenes: small scenes of photographs that together cover most branches of the tracer.
 //!
 //! A new scene needs a row in [`SCENES`], its digest in the table of `golden.rs` (the test prints it), a reference
-//! image (see `tests/physics/golden.rs`) and a new name in [`super::golden::SET`].
+//! image (see `tests/physics/golden.rs`) and a new name of the set, [`super::golden::SET`].
 
 use crate::layer::PerLayer;
 use crate::line::Apex;
@@ -40,7 +40,7 @@ struct Parameters {
 }
 
 impl Parameters {
-    /// Returns the defaults: a wide lens, an untilted pane, steps in depth and random colours.
+    /// Returns the defaults, such as a wide lens, an untilted pane and apex `mirror`.
     fn new() -> Self {
         Self {
             spp: 64,
@@ -143,7 +143,7 @@ fn hash(q: usize, salt: u32) -> u32 {
 
 type Change = fn(&mut Parameters);
 
-/// Changes that each scene makes to [`Parameters::new`], in a fixed order.
+/// Names of the scenes and their changes to [`Parameters::new`], in a fixed order.
 const SCENES: [(&str, Change); 14] = [
     ("mirror", |_| {}),
     ("camera", |w| w.from_camera = true),
@@ -164,7 +164,7 @@ const SCENES: [(&str, Change); 14] = [
     }),
     ("thin-pane", |w| w.thickness_m = 0.0),
     ("air", |w| w.ior = 1.0),
-    // A tilt of 60 degrees makes a dozen orders visible; the last ones are thinned.
+    // A tilt of 60 degrees makes about ten orders visible on each side; the last ones are thinned.
     ("steep", |w| {
         w.tilt_deg = [0.0, 60.0];
         w.thickness_m = 0.03;
@@ -206,7 +206,7 @@ mod tests {
     use crate::trace::Surface;
 
     #[test]
-    fn golden_scenes_cover_every_branch() {
+    fn golden_scenes_cover_the_listed_features() {
         let scenes = golden_scenes();
         let any = |what: &str, has: &dyn Fn(&Scene) -> bool| {
             assert!(scenes.iter().any(|g| has(&g.scene)), "no scene with {what}");

@@ -4,23 +4,23 @@ use crate::line::SceneLine;
 use crate::trace::Tile;
 use std::ops::Range;
 
-/// Returns the samples per pixel of a shard: all if `spp` is at most 256, otherwise a sixteenth, but at least 256.
-///
-/// This number is part of the tracer's definition, because means are rounded to f32 once per range.
+/// Returns the samples per pixel of a shard: all if `spp` is at most 256, otherwise a sixteenth, but at least 256. (A
+/// shard of an adaptive scene has all samples; see [`ShardLayout::of`].) This number is part of the tracer's
+/// definition, because means are rounded to f32 once per range.
 pub fn samples_per_range(spp: u32) -> u32 {
     spp.min((spp / 16).max(256))
 }
 
-/// Approximate time of one core per camera sample, s, to choose a tile size and to estimate a run's duration.
+/// Approximate time that one core needs for a camera sample, s, to choose a tile size and to estimate durations.
 pub const SECONDS_PER_SAMPLE: f64 = 2.5e-8;
 
 /// Desired minimum duration of a shard, s, which keeps checkpoints cheap.
 const SHARD_SECONDS: f64 = 0.2;
 
-/// Available sides of a tile, px.
+/// Available side lengths of a tile, px.
 const TILES_PX: [u32; 4] = [64, 96, 128, 256];
 
-/// Chooses the smallest tile with at least 0.2 s per shard on average over the manifest, or 256 px.
+/// Chooses the smallest tile with at least 0.2 s per shard on average over the manifest, otherwise 256 px.
 pub fn choose_tile_px(lines: &[SceneLine]) -> u32 {
     let seconds = |tile_px: u32| {
         let cost = |line: &SceneLine| {
@@ -62,7 +62,7 @@ impl ShardLayout {
     }
 
     /// Divides the scene of a manifest line. An adaptive scene has one range, because a cell's decision needs all its
-    /// samples, and tiles of whole cells, so `tile_px` is rounded up.
+    /// samples. The tiles of such a scene consist of whole cells, so `tile_px` is rounded up.
     pub fn of(line: &SceneLine, tile_px: u32) -> Self {
         let (film, cell) = (&line.film, crate::trace::CELL_PX);
         if film.target_error.is_none() {
@@ -89,7 +89,7 @@ impl ShardLayout {
         self.len() == 0
     }
 
-    /// Returns shard `index`: tiles run row by row, and ranges within each tile. Panics if `index` is too large.
+    /// Returns shard `index`. Tiles are numbered row by row, ranges within each tile. Panics if `index` is too large.
     pub fn shard(&self, index: u32) -> Shard {
         assert!(index < self.len(), "shard {index} of {}", self.len());
         let (tile, range) = (index / self.ranges(), index % self.ranges());
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_hold_256_samples_or_a_sixteenth() {
+    fn ranges_hold_all_or_256_samples_or_a_sixteenth() {
         for (spp, range) in [(1, 1), (256, 256), (1024, 256), (4096, 256), (65536, 4096)] {
             assert_eq!(samples_per_range(spp), range);
         }

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Schema name of `spec.json`.
 pub const SPEC_SCHEMA: &str = "glasshouse.spec/1";
 
-/// Settings of a run that must not change. The spec and `manifest.jsonl` determine every pixel.
+/// Settings of a run that must not change. The spec, `manifest.jsonl` and the input files determine every pixel.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spec {
@@ -30,7 +30,7 @@ pub struct Spec {
     pub golden: Golden,
     /// Folders of the named roots at planning; `--root NAME=DIR` overrides them on another machine.
     pub roots: BTreeMap<String, PathBuf>,
-    /// Photographs (with a manifest, scenes) that planning left out, because their files could not be used.
+    /// Photographs of a recipe, or scenes of a manifest, that planning left out because their files could not be used.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<String>,
 }
@@ -68,9 +68,9 @@ pub fn scene_digest(line: &SceneLine) -> String {
 }
 
 impl Spec {
-    /// Lists the differences between `self` (the run) and `new` (the recipe), one per line; empty if they agree.
+    /// Lists the differences between `self` (the run) and `new` (the recipe), one per line. Equal specs have none.
     ///
-    /// Ignores roots, because they are locations, not content.
+    /// Ignores `roots`, which are locations and not content, and `left_out`.
     pub fn diff(&self, old_lines: &[SceneLine], new: &Self, new_lines: &[SceneLine]) -> String {
         let mut text = String::new();
         let mut row = |what: &str, old: &dyn std::fmt::Display, new: &dyn std::fmt::Display| {
@@ -109,11 +109,11 @@ struct Row {
     /// Id of the first scene with these values.
     first: String,
     scenes: usize,
-    /// True if all these scenes have the same values.
+    /// True if all scenes that differ in this key have these values.
     is_uniform: bool,
 }
 
-/// Lists the differences of scenes with equal ids, one row per key, so that changed seeds do not hide a changed pane.
+/// Lists new scenes, and differences of scenes with equal ids by key, so that changed seeds do not hide a changed pane.
 fn lines_diff(old_lines: &[SceneLine], new_lines: &[SceneLine]) -> String {
     let by_id: BTreeMap<&str, &SceneLine> = old_lines.iter().map(|l| (l.id.as_str(), l)).collect();
     let mut rows: BTreeMap<String, Row> = BTreeMap::new();

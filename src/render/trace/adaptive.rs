@@ -1,9 +1,9 @@
 //! Adaptive sampling: each cell of 8 x 8 px takes samples until its error reaches the target.
 //!
-//! A cell takes aligned power-of-two blocks of one sequence: first 16 samples, then blocks that double their number.
+//! A cell takes aligned power-of-two blocks of one sequence: first 16 samples, then blocks that double the number.
 //! The front (for I and T), the back (for I and R~) and R have separate sample counts. A part takes more samples while
-//! T, R~ or R is above the target, or while I is and the part has the larger share of I's error. The decision uses only
-//! the cell's own samples, and cells lie on a fixed grid of the film, so pixels do not depend on tiles or threads.
+//! its own layer (T, R~ or R) has an error above the target, or while I has one and the part causes most of it. The
+//! decision uses only the cell's own samples, and cells lie on a fixed grid, so tiles and threads change no pixel.
 
 use super::bundle::Tracer;
 use super::means::{Components, Means, NOTHING, PixelMeans, Wanted};
@@ -14,7 +14,7 @@ use crate::layer::{Layer, PerLayer};
 /// Side of a cell, px. Tiles of an adaptive scene begin at multiples of this length.
 pub const CELL_PX: u32 = 8;
 
-/// Number of samples in the first round.
+/// Number of samples in the first round, unless the scene has fewer.
 const FIRST: u32 = 16;
 
 /// A part of a cell with its own sample count.
@@ -83,7 +83,7 @@ impl Cell {
         }
     }
 
-    /// Starts or doubles the samples of the unfinished parts with the fewest samples. Returns false if none is left.
+    /// Starts or doubles the samples of the unfinished parts with the fewest samples. Returns false if no part is left.
     #[inline(always)]
     fn round<const AVX2: bool>(
         &mut self,

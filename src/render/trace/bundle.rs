@@ -5,7 +5,7 @@
 //! T  = mean over s of F(t_0 line)                                  (virtual glass: bent, weight 1)
 //! F_ = sum over orders k of mean over s of weight_k(s) F(t_k line)
 //! R~ = sum over orders k of mean over s of weight_k(s) B(r_k line)
-//! I  = F_ + R~
+//! I  = F_ + R~             (with `first_reflection_alone`, I has all orders of R~, but the layer R~ only r_0)
 //! R  = mean over film points of B(mirrored pinhole ray)            (no glass, no lens)
 //! ```
 //!
@@ -71,7 +71,7 @@ struct Bundle<'a> {
 /// Sums that receive a bundle's radiance.
 #[derive(Clone, Copy, PartialEq)]
 enum Feeds {
-    /// The order's weighted sum.
+    /// The order's weighted sum, or the sum of R.
     Order,
     /// For t_0: the unweighted sum of T.
     Bare,

@@ -11,7 +11,7 @@ pub(super) struct Pixel {
     seed: PixelSeed,
     /// Direction of the pixel's centre, tangents.
     pub(super) center: [f64; 2],
-    /// Half the width of the pixel's film interval, tangents.
+    /// Half the width and half the height of the area that the pixel's film points cover, tangents.
     pub(super) half_width: [f64; 2],
     /// Interval that contains gamma (see [`super::slab`]) of all samples of the pixel.
     pub(super) gamma: [f64; 2],
@@ -42,7 +42,7 @@ impl Pixel {
 /// Camera samples of one block; film points and directions are relative to the pixel's centre direction.
 pub(super) struct CameraBlock {
     pub(super) film: [[Lane; GROUPS]; 2],
-    /// Direction of the ray through the lens point (x, y at z = 1).
+    /// Directions of the rays through the lens points (x, y at z = 1).
     pub(super) direction: [[Lane; GROUPS]; 2],
     pub(super) lens: [[Lane; GROUPS]; 2],
     /// Ratio tan_t / tan_i (see [`super::slab`]).

@@ -58,7 +58,7 @@ pub use slab::{Order, Slab};
 pub use texture::Texture;
 pub use tile::{Isa, Tile, TileResult, trace_tile};
 
-/// Version of the tracer's results; every change of a pixel or stated error raises it. A run rejects other versions.
+/// Version of the tracer's results; a change of a pixel or stated error must raise it. A run rejects other versions.
 pub const TRACER_VERSION: u32 = 3;
 
 #[cfg(test)]

@@ -23,7 +23,7 @@ struct Bundle<'a> {
     pixel: Pixel,
     maker: LineMaker<'a>,
     lines: [Lines; GROUPS],
-    /// Camera samples of the bundle, for views without a closed form of the footprint. Other views share one block.
+    /// Camera samples, for views without a closed form of the footprint; `None` for other views, which ignore them.
     camera: Option<Box<CameraBlock>>,
 }
 
@@ -38,7 +38,7 @@ pub struct ProbeRay {
 }
 
 /// Computes samples `first .. first + 256` of a pixel with the tracer's code, `[pixel x, pixel y, lens u, lens v]`;
-/// `first` is a multiple of 256. Benchmarks time this function; [`super::sample`] defines the samples.
+/// `first` is a multiple of 256. Benchmarks time this function; [`super::sample`] defines the Sobol points.
 pub fn sample_block(
     sampling: Sampling,
     seed: &PixelSeed,

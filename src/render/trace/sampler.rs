@@ -2,9 +2,9 @@
 //!
 //! A sample has four coordinates: a pair for the pixel and a pair for the lens. Both pairs use the first two Sobol
 //! dimensions, which form a (0,2)-sequence: each aligned power-of-two block of indices puts exactly one point into
-//! every elementary interval. *Padding* decorrelates the pairs: each pair has its own Owen shuffle of the index and its
-//! own Owen scramble of the values. (A plain xor of the index is not enough: it makes the lens point a function of the
-//! pixel point, and the error stops decreasing at 16 samples.)
+//! every elementary interval of its size. *Padding* decorrelates the pairs: each pair has its own Owen shuffle of the
+//! index and its own Owen scramble of the values. (A plain xor of the index is not enough: it makes the lens point a
+//! function of the pixel point, and the error stops decreasing at 16 samples.)
 //!
 //! Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020. The hash is that of Laine and Karras with
 //! Vegdahl's constants. Limits: indices below 2^32, 24 bits per coordinate.
@@ -57,7 +57,7 @@ const fn sobol_1_reversed(mut index: u32) -> u32 {
     value.reverse_bits()
 }
 
-/// [`sobol_1_reversed`] of every low byte; the function is linear over xor, so callers xor the share of other bits.
+/// [`sobol_1_reversed`] of every low byte. It is linear over xor, so callers add the share of the other bits by xor.
 static LOW_BYTE: [u32; 256] = {
     let mut table = [0; 256];
     let mut i = 0;
@@ -186,7 +186,7 @@ mod tests {
                 cells[(u[i] * 8.0) as usize * 8 + (v[i] * 8.0) as usize] += 1;
             }
         }
-        // The standard deviation of the mean is 1/sqrt(12 n); every bound is five standard deviations.
+        // The mean of k numbers has the standard deviation 1/sqrt(12 k); every bound is five standard deviations.
         let n = f64::sqrt(count);
         assert!((sum / (2.0 * count)).abs() < 5.0 * 0.205 / n);
         assert!((square / (2.0 * count) - 1.0 / 12.0).abs() < 5.0 * 0.053 / n);

@@ -1,4 +1,4 @@
-//! Compares the grid kernel and its bounds with brute force in f64, for every ray of a bundle.
+//! Compares the grid kernel, its bounds and its probe with brute force in f64 and with another ray tracer.
 
 #![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 
@@ -72,8 +72,8 @@ fn brute(grid: &Grid, [x, y, sx, sy]: [f64; 4]) -> Option<f64> {
     best
 }
 
-/// Aims ray `k` at an edge, a diagonal, a vertex or any point. Some rays run along an axis; with `exotic`, some targets
-/// lie outside the grid.
+/// Aims ray `k` at an edge, a diagonal, a vertex or any point. Some rays run along an axis or a diagonal; with
+/// `exotic`, some targets lie outside the grid.
 fn aimed(grid: &Grid, k: u64, base: [i32; 2], exotic: bool) -> [f32; 4] {
     let r = |n: u64| random(k * 16 + n);
     let [bottom, top] = grid.extremes().map(f64::from);
@@ -121,7 +121,7 @@ pub(super) fn full_span(grid: &Grid, inside: bool) -> Span {
     Span { hi: top * 1.000_001, lo: bottom * 0.999_999, inside }
 }
 
-/// True if a ray within 2e-5 px has the same hit in f64, because f32 cannot distinguish these rays at a depth edge.
+/// True if `w` lies between the f64 hits of the ray and its neighbours at 2e-5 px, which f32 cannot distinguish.
 fn agrees(grid: &Grid, absolute: [f64; 4], w: f64) -> bool {
     const NEAR_PX: f64 = 2e-5;
     let close = |a: f64| (a - w).abs() <= 1e-4 * a;
@@ -224,7 +224,7 @@ fn no_ray_leaks_between_cells() {
     assert!(outside_gap < 2e-5);
 }
 
-/// Another ray tracer traces a triangle mesh of the same sheet in projective space.
+/// Another ray tracer finds the same hits on a triangle mesh of the same sheet in projective space.
 #[test]
 fn another_ray_tracer_finds_the_same_hits() {
     use obvhs::{
@@ -421,7 +421,7 @@ fn footprints_and_spans_are_conservative() {
     );
 }
 
-/// With a constant footprint on a flat part, the span contains w of this part in spite of extremes elsewhere.
+/// With a constant footprint on a flat part, the span contains the w of this part in spite of extremes elsewhere.
 #[test]
 fn spans_contain_a_flat_sheet() {
     struct Everywhere;
@@ -438,7 +438,7 @@ fn spans_contain_a_flat_sheet() {
 }
 
 /// The rays that a probe exports in the capture camera's frame hit the sheet at the kernel's hits, on every instruction
-/// set, and the lengths of the walks add up.
+/// set, and the counts of the walks are consistent.
 #[test]
 fn probed_rays_have_the_hits_of_the_kernel() {
     let (mut tested, mut cells) = (0, 0);

@@ -22,7 +22,7 @@ impl Texture {
         Self::from_vec(width, height, texels.to_vec())
     }
 
-    /// Makes a texture from `texels` itself, without a second copy of the photograph.
+    /// Makes a texture like [`Self::new`] from `texels` itself, without cloning them.
     pub fn from_vec(width: usize, height: usize, mut texels: Vec<[f32; 4]>) -> Self {
         assert!(
             width > 0 && height > 0 && texels.len() == width * height,

@@ -1,4 +1,4 @@
-//! Traces a tile's pixels in order, on the best available instruction set.
+//! Traces a tile's pixels in order, with the kernels of one instruction set.
 
 use super::adaptive;
 use super::bundle::Tracer;
@@ -50,14 +50,14 @@ pub struct TileResult {
     pub sample_sums: Option<PerLayer<u64>>,
     /// Number of paths of each layer.
     pub paths: PerLayer<u64>,
-    /// Number of paths of each layer that ended beyond the border, on the continued surface.
+    /// Number of paths of each layer that ended on the continuation of the border or hit no triangle of a mesh.
     pub misses: PerLayer<u64>,
 }
 
-/// Traces `samples` (a power-of-two block, or all) of each pixel of `tile`.
+/// Traces `samples` of each pixel of `tile`: an aligned power-of-two block, or in an adaptive scene up to all samples.
 ///
 /// This is a pure function: the bits of a pixel do not depend on the tile's shape, `isa`, thread, time or machine.
-/// Panics if the tile leaves the film or the range is not an aligned block.
+/// Panics if the tile leaves the film, begins inside a cell of an adaptive scene, or `samples` is another range.
 pub fn trace_tile(scene: &Scene, tile: Tile, samples: Range<u32>, isa: Isa) -> TileResult {
     assert!(
         tile.x + tile.width <= scene.film.width && tile.y + tile.height <= scene.film.height,

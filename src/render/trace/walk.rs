@@ -1,10 +1,9 @@
 //! Walks rays over the depth grid, from near to far, until they pass below the sheet.
 //!
 //! A ray is (u, v) = p + s w with decreasing w. Every cell of the sheet has two triangles, which meet on the diagonal
-//! from (i + 1, j) to (i, j + 1). A ray carries a single fact from cell to cell, "the ray is above the sheet", and
-//! never computes it twice at a shared edge, so no ray leaks between two cells. Outside the grid, the border's inverse
-//! depth continues to infinity in the outermost columns and rows of cells, so every ray ends on a surface and crosses
-//! at most nx + ny + 2 cells.
+//! from (i + 1, j) to (i, j + 1). At an edge that two cells share, a walk does not test again whether the ray is above
+//! the sheet, so no ray leaks between two cells. Outside the grid, the border's inverse depth continues to infinity in
+//! the outermost columns and rows of cells, so every ray ends on a surface and crosses at most nx + ny + 2 cells.
 //!
 //! Coordinates are relative to an integer grid point near the pixel's bundle. Their rounding errors in f32 are about
 //! 1e-6 px; those of absolute coordinates would be 6e-5 px.
@@ -132,8 +131,8 @@ struct Ground<'a> {
 
 /// Computes the inverse depths at which a bundle's lines (at most 256, relative to `base`) hit the sheet.
 ///
-/// All parts take a step, then the parts with unfinished rays take another. Steps of different parts are independent,
-/// so they can overlap, and no branch depends on the length of a single walk.
+/// All parts take a step, then the parts with unfinished rays take one more step a round. Steps of different parts
+/// are independent, so they can overlap, and no branch depends on the length of a single walk.
 #[inline(always)]
 pub(crate) fn walk_bundle<const AVX2: bool>(
     grid: &Grid,
@@ -243,7 +242,7 @@ impl<'a> Ground<'a> {
             r.cell[l] = (row_index.wrapping_add(self.base[1]))
                 .wrapping_mul(self.nx)
                 .wrapping_add(column_index + self.base[0]);
-            // w decreases, so u increases if its slope is negative, and the ray leaves the cell at its upper edge.
+            // w decreases, so u increases if the slope is negative, and the ray leaves the cell at the larger u.
             r.step_i[l] = if r.sx[l] < 0.0 { 1.0 } else { -1.0 };
             r.step_j[l] = if r.sy[l] < 0.0 { 1.0 } else { -1.0 };
             r.step_row[l] = if r.sy[l] < 0.0 { self.nx } else { -self.nx };
@@ -363,7 +362,7 @@ impl<'a> Ground<'a> {
     }
 }
 
-/// Loads the inverse depths at the corners of eight cells: upper left (index `q`), upper right, lower left and right.
+/// Loads the inverse depths at the corners of eight cells: upper left (`q`), upper right, lower left, lower right.
 ///
 /// # Safety
 ///

@@ -20,8 +20,8 @@ pub(in super::super) struct Bundle<'a> {
     pub(in super::super) ends: [u32; 3],
 }
 
-/// Returns the sums of a bundle's weighted radiance and its misses, which are black. Order t_0 also adds its unweighted
-/// radiance to `transmission`.
+/// Returns the sums of a bundle's weighted radiance and the number of its misses. A miss is black. Order t_0 also adds
+/// its unweighted radiance to `transmission`.
 ///
 /// This function is never inlined, because the loops of scenes without meshes must not contain its code. Therefore it
 /// selects the instruction set itself.

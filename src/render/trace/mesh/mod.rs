@@ -13,7 +13,7 @@
 //! axes. The nearest hit is the hit with the largest w.
 //!
 //! A hit depends only on its ray and the triangles, not on the shape of the tree or the fifteen other rays: the box
-//! test has a margin that covers every rounding, and the first triangle wins among hits at equal w.
+//! test has a margin that covers every rounding, and the first triangle of the mesh wins among hits at equal w.
 
 mod bundle;
 mod project;

@@ -23,11 +23,11 @@ pub struct Mesh {
 /// Counts of a mesh's triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshCounts {
-    /// Number of triangles at least partly in front of the near plane.
+    /// Number of non-degenerate triangles that are at least partly in front of the near plane.
     pub traced: u64,
     /// Number of triangles with two equal corners.
     pub degenerate: u64,
-    /// Number of triangles behind the near plane.
+    /// Number of non-degenerate triangles that are entirely behind the near plane.
     pub behind: u64,
 }
 
@@ -44,8 +44,8 @@ impl Mesh {
     /// (indices of three vertices, visible from both sides).
     ///
     /// `lateral_m` is the approximate distance of the rays' origins from the axis (aperture, shift in the glass). It
-    /// affects the tree's shape and speed, but no hit. Panics if an index has no vertex or a coordinate exceeds
-    /// [`MAX_COORDINATE_M`].
+    /// affects the tree's shape and speed, but no hit. Panics if an index has no vertex, a vertex has no radiance or a
+    /// coordinate is NaN or exceeds [`MAX_COORDINATE_M`].
     pub fn new(
         vertices: &[DVec3],
         radiance: Vec<[f32; 4]>,

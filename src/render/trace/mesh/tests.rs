@@ -1,4 +1,4 @@
-//! Compares mesh hits with f64 brute force, closed forms and the grid kernel, and with each other.
+//! Compares mesh hits with f64 brute force, closed forms, the grid kernel and the hits on equivalent meshes.
 
 #![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 
@@ -17,7 +17,7 @@ fn signed(k: u64) -> f64 {
     2.0 * random(k) - 1.0
 }
 
-/// Makes a closed surface around the origin: the grid on a cube, with each square cut along a random diagonal. If
+/// Makes a closed surface around the origin: grids on a cube's faces, with each square cut along a random diagonal. If
 /// `is_rough`, its vertices move to radii between 1 and 2 m, and the surface is rotated and shifted.
 fn closed(side: usize, key: u64, is_rough: bool) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     use std::collections::BTreeMap;
@@ -133,8 +133,8 @@ fn no_ray_leaves_a_closed_mesh() {
                 );
                 tested += 1;
             }
-            // Traces the same rays with an intersection test that is not watertight. Side 16 has too many triangles for
-            // brute force.
+            // Traces the first ray of every sixteenth block with an intersection test that is not watertight. Side 16
+            // has too many triangles for brute force.
             if block % 16 == 0 && side < 16 {
                 let origin = glam::Vec3A::new(p[0][0], p[1][0], 0.0);
                 let ray = Ray::new_inf(origin, glam::Vec3A::new(d[0][0], d[1][0], 1.0));

@@ -69,7 +69,7 @@ impl Rays {
         rays
     }
 
-    /// True if any ray may have a hit in the box that is at least as near as its nearest hit so far.
+    /// True if any ray may have a hit in the box that is at least as near as the ray's nearest hit so far.
     #[inline(always)]
     pub(super) fn touch(&self, low: [f32; 3], high: [f32; 3], hits: &Hits) -> bool {
         let mut any = 0u32;
@@ -158,7 +158,7 @@ impl Rays {
         }
     }
 
-    /// Tests one ray with edge functions in f64. An edge belongs to both of its triangles.
+    /// Tests one ray with edge functions in f64. A ray on an edge hits both triangles of the edge.
     #[inline(never)]
     fn meet_exactly(&self, corners: &Corners, l: usize) -> Option<[f32; 3]> {
         let sheared = corners.map(|[u, v, w]| {

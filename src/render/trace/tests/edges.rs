@@ -15,7 +15,7 @@ use crate::trace::{Grid, Isa};
 use procedural::{listing, render};
 use std::path::Path;
 
-/// Coordinates relative to a bundle's base have rounding errors of 1e-6 px, which grow in a few operations.
+/// Distance of a ray's neighbours, px. Relative coordinates have errors of 1e-6 px, which grow in a few operations.
 const NEAR_PX: f64 = 2e-5;
 /// Largest allowed distance of a hit from the mesh, 1/m. The bound covers f32 rounding for rays of 90 px per 1/m on
 /// skirts of 1/m per px.
@@ -80,7 +80,7 @@ fn rough_terrain() -> Terrain {
     Terrain { name: "rough", grid: super::rough(61, 47, 9), slope_px: 5.0 }
 }
 
-/// Makes all terrains, with the slopes of a lens and a pane (5 px per 1/m) or of apex `camera` (90 px per 1/m).
+/// Makes all available terrains, with slopes of a lens and a pane (5 px per 1/m) or of apex `camera` (90 px per 1/m).
 fn terrains() -> Vec<Terrain> {
     let places = listing(8, 11);
     let find = |place| places.iter().position(|p| p.place == place).unwrap();
@@ -158,7 +158,7 @@ fn aim(terrain: &Terrain, target: Target, k: u64, corner: [i64; 2], base: [i32; 
     };
     let (mut sx, mut sy) =
         ((r(3) * 2.0 - 1.0) * terrain.slope_px, (r(4) * 2.0 - 1.0) * terrain.slope_px);
-    // Some rays run along rows, columns and diagonals; some are rays of a pinhole.
+    // Some rays run along rows, columns and diagonals; some are nearly rays of a pinhole.
     match (k / 4) % 8 {
         0 => sx = 0.0,
         1 => sy = 0.0,
@@ -207,8 +207,8 @@ fn hit_in(
     best
 }
 
-/// Finds the first hit of the whole line, in f64. Searches slices of w from near to far; the line travels two pixels in
-/// a slice.
+/// Finds the first hit of the whole line, in f64. Searches slices of w from near to far; the line travels at most two
+/// pixels in a slice.
 fn first_hit(grid: &Grid, ray: [f64; 4]) -> Option<f64> {
     let [bottom, top] = grid.extremes().map(f64::from);
     let [x, y, sx, sy] = ray;
@@ -260,7 +260,7 @@ fn is_leak(grid: &Grid, aimed: &Aimed, absolute: [f64; 4], w: f64) -> bool {
     stops(absolute) && neighbours(absolute).into_iter().all(stops)
 }
 
-/// Returns the distance between a hit and the mesh in w, the least over all triangles that may contain the hit.
+/// Returns the least distance in w between a hit and the triangles that may contain it, or one below [`STRAY`].
 fn stray(grid: &Grid, [x, y, sx, sy]: [f64; 4], hit: f64) -> f64 {
     let w = grid.inverse_depths_per_m();
     let (nx, ny) = (grid.nx() as i64, grid.ny() as i64);
@@ -287,7 +287,7 @@ fn stray(grid: &Grid, [x, y, sx, sy]: [f64; 4], hit: f64) -> f64 {
     nearest
 }
 
-/// True if the whole line stays inside the grid, independent of its hit.
+/// True if the line stays inside the grid for all w, regardless of its hit.
 fn stays_inside(grid: &Grid, [x, y, sx, sy]: [f64; 4]) -> bool {
     let top = f64::from(grid.extremes()[1]) * 1.001;
     let within = |x: f64, s: f64, n: usize| {
@@ -314,7 +314,7 @@ fn walk_fastest(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane 
     }
 }
 
-/// Calls `see` with every ray, its grid coordinates and the kernel's hit.
+/// Calls `see` with every ray, its grid coordinates and the kernel's hit. Counts the rays of groups inside the grid.
 fn shoot(
     terrain: &Terrain,
     target: Target,
@@ -368,7 +368,7 @@ fn assert_tight(terrain: &Terrain, rays: u64) {
     assert_eq!((leaks, strays), (0, 0), "{}", terrain.name);
 }
 
-/// Traces ten million rays in all, in ten to fifteen seconds of one core.
+/// Aims about ten million rays in all, which takes one core ten to fifteen seconds.
 #[test]
 fn rays_at_edges_do_not_leak() {
     let terrains = terrains();
@@ -377,7 +377,7 @@ fn rays_at_edges_do_not_leak() {
     }
 }
 
-/// Command: `cargo test --release --lib ten_million -- --ignored --nocapture`. Takes a minute of one core.
+/// Command: `cargo test --release --lib ten_million -- --ignored --nocapture`. It takes one core about a minute.
 #[test]
 #[ignore = "ten million rays at each terrain"]
 fn ten_million_rays_at_edges_of_each_terrain_do_not_leak() {
@@ -420,8 +420,8 @@ fn depths_are_those_of_f64() {
                 let expected = first_hit(grid, absolute).expect("the sheet has no holes");
                 let error = (expected / w - 1.0).abs();
                 if error > 1e-4 {
-                    // The ray meets the other side of a rim, or a skirt at a grazing angle. A neighbour within
-                    // `NEAR_PX` must have the same hit.
+                    // The ray meets the other side of a rim, or a skirt at a grazing angle. The hit must lie
+                    // between those of the neighbours within `NEAR_PX`.
                     let (mut lo, mut hi) = (expected, expected);
                     for hit in neighbours(absolute).map(|ray| first_hit(grid, ray).unwrap()) {
                         (lo, hi) = (lo.min(hit), hi.max(hit));
