@@ -56,7 +56,7 @@ impl Sim<'_> {
         self.after(us(listing_s), Event::Listed);
     }
 
-    /// Publishes the scenes that are in neither listing.
+    /// Queues the scenes that are in neither listing for publication, or ends the run if every scene has its tuple.
     pub(super) fn listed(&mut self) {
         self.coordinator.is_listing = false;
         self.coordinator.reconciled_us = self.now_us;

@@ -20,7 +20,7 @@ pub(crate) enum Action {
     CheckScene { task: TaskId },
     /// Fetch the partials of other workers; then report [`gathered`](super::Tasks::gathered).
     Gather { task: TaskId },
-    /// Record which worker made these shards.
+    /// Record this worker as the maker of these shards.
     LeaveNote { task: Task },
     /// Put the scene into quarantine.
     Quarantine { scene: u32, reason: String },
@@ -30,7 +30,7 @@ pub(crate) enum Action {
     ForgetAttempt { task: Task, n: u32 },
     /// Publish messages in place of a lease, and finish the lease once the queue has confirmed them. If the queue
     /// already had one, let the lease expire, so that the task is delivered again: the worker with the earlier message
-    /// may have found the scene incomplete before this worker stored its last shards, and be the last to finish.
+    /// may have found the scene incomplete before this worker stored its last shards, and then finish the last message.
     Replace { lease: u64, messages: Vec<Message> },
     /// Finish the lease, so that the queue removes its message.
     Finish { lease: u64 },
