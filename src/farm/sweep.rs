@@ -7,7 +7,7 @@ use render::atomic_file::{self, is_temporary};
 use render::merge::is_written;
 use std::path::Path;
 
-/// Removes all such files from a run. The caller must hold the run's lock. Ignores errors: remaining files do no harm.
+/// Removes the leftovers of killed processes from a run. The caller must hold the run's lock. Ignores errors.
 pub(super) fn sweep(run: &Run) {
     // Depth 5 covers the input folders of DIODE: source / train / indoors / scene / scan.
     let folders =

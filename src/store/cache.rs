@@ -93,7 +93,7 @@ impl Cache {
         let _ = atomic_file::write_relaxed(&self.file(url), &file);
     }
 
-    /// Removes old unfinished files, and the least recently used entries until `size` and a twentieth of the limit fit.
+    /// Frees `size` and a twentieth of the limit: removes old unfinished files and the least recently used entries.
     fn make_room(&self, size: u64) -> io::Result<()> {
         let now = SystemTime::now();
         let mut files: Vec<(SystemTime, u64, PathBuf)> = Vec::new();

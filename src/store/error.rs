@@ -13,7 +13,7 @@ pub enum StoreError {
         address: String,
         reason: String,
     },
-    /// A call failed, and so did its repetitions.
+    /// A call failed permanently, or in all repetitions.
     #[error(
         "cannot {what} {key} in {store}: {reason}; check its space, its permissions and the connection"
     )]

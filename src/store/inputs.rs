@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::Duration;
 
-/// Reads input files by path or by URL.
+/// Reader of input files by path or by URL.
 #[derive(Debug, Default)]
 pub struct Inputs {
     options: StoreOptions,

@@ -195,7 +195,7 @@ impl Store {
             .map_err(|e| self.failed("write", key, &e))
     }
 
-    /// Returns an object's bytes, if it exists.
+    /// Returns the bytes of an object, if the object exists.
     pub fn get(&self, key: &str) -> Result<Option<Bytes>, StoreError> {
         RUNTIME.block_on(self.get_async(key))
     }

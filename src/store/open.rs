@@ -34,7 +34,7 @@ impl std::fmt::Debug for StoreOptions {
 }
 
 impl Store {
-    /// Opens a folder, `file:///…`, or `s3://BUCKET/PREFIX` (`gs://`, `az://` with their features).
+    /// Opens a folder (created if absent), `file:///…`, or `s3://BUCKET/PREFIX` (`gs://`, `az://` with their features).
     pub fn open(address: &str, options: &StoreOptions) -> Result<Self, StoreError> {
         let invalid = |reason: String| StoreError::Address { address: address.to_owned(), reason };
         let folder = match address.split_once("://") {

@@ -1,9 +1,9 @@
 //! The queue on NATS JetStream: one work-queue stream per run, and one subject per task. `nats_worker` implements the
 //! worker's side, `nats_coordinator` the coordinator's.
 //!
-//! A subject holds at most one message, so the stream is a set: the server refuses a message that it already has, which
-//! counts as published. A worker that cannot do a task sends no NAK: it publishes the task with [`Message::hops`] one
-//! higher and acknowledges the old message. A second delivery therefore usually means a lost worker.
+//! A subject holds at most one message, so the stream is a set: the server refuses a message that it already has, and
+//! the message counts as published. A worker that cannot do a task sends no NAK: it publishes the task with
+//! [`Message::hops`] one higher and acknowledges the old message. So a second delivery usually means a lost worker.
 
 use super::super::message::write_message;
 use super::{Message, QueueError};

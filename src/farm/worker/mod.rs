@@ -1,4 +1,4 @@
-//! A worker of the farm: it leases tasks, consecutive shards of a scene, from a queue until the run is over.
+//! A worker of the farm: it leases tasks (consecutive shards of a scene) from a queue until the run is over.
 //!
 //! ```text
 //!            queue --- lease keeper (renews, donates, requests)

@@ -9,7 +9,7 @@ use std::ops::Range;
 pub(crate) struct TaskId(pub(super) u64);
 
 /// An action for the driver, which performs the actions of one event in order and stops at the first failure, so that a
-/// lease is finished only after its shards are in the store or in another message.
+/// lease is finished only after its shards are in the store or in another message, or its scene is in quarantine.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Action {
     /// Put these partials into the store; report each with [`stored`](super::Tasks::stored).

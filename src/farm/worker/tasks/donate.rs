@@ -145,7 +145,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn donations_are_whole_unopened_tasks_or_the_unbegun_end_of_one(
+        fn donations_are_whole_unopened_tasks_or_the_unbegun_end_of_an_opened_one(
             drawn in prop::collection::vec((0u32..40, 0u32..20, any::<bool>(), 0.0..10.0), 0..6),
             slowness in prop_oneof![Just(1.0), 0.1..10.0],
             load_s in 0.0..10.0,
