@@ -3,7 +3,7 @@
 use crossbeam::channel::{Receiver, unbounded};
 use std::io::{BufRead, BufReader, Read};
 
-/// Returns a pipe's lines, read by a thread that ends with the pipe.
+/// Returns the lines that a thread reads from a pipe until the pipe's end; no lines without a pipe.
 pub(crate) fn lines(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
     let (sender, lines) = unbounded();
     if let Some(pipe) = pipe {

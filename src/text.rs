@@ -1,4 +1,4 @@
-//! Formats numbers and times for people, and shortens texts.
+//! Formats numbers and times for people; shortens, cleans and splits texts.
 
 /// Formats a count as `1,234,567`.
 pub(crate) fn grouped(count: u64) -> String {
@@ -19,7 +19,7 @@ pub(crate) fn many(count: u64, what: &str) -> String {
     format!("{} {what}{plural}", grouped(count))
 }
 
-/// Formats a duration as `3 s`, `12 min`, `2 h 05 min` or `3 d 4 h`, rounded down to at most two units.
+/// Formats a duration, rounded down: `3 s`, `2 min 05 s`, `12 min`, `2 h 05 min`, `3 d 4 h`; `unknown` if not finite.
 pub(crate) fn duration(seconds: f64) -> String {
     if !seconds.is_finite() {
         return "unknown".to_owned();
@@ -34,7 +34,7 @@ pub(crate) fn duration(seconds: f64) -> String {
     }
 }
 
-/// Formats a rate as a number and a unit that makes it readable: per second, minute or hour.
+/// Formats a rate of scenes as a number and a unit: scenes a second, a minute or an hour.
 pub(crate) fn rate(per_s: f64) -> (String, &'static str) {
     let (value, unit) = if per_s >= 1.0 {
         (per_s, "scenes a second")
@@ -51,7 +51,7 @@ pub(crate) fn rate(per_s: f64) -> (String, &'static str) {
     (text, unit)
 }
 
-/// Returns a share in percent with one decimal, rounded down, so that 100 % means all.
+/// Returns a share in percent with one decimal, rounded down, so that 100 % means all. An empty total gives 100 %.
 pub(crate) fn percent(done: u64, total: u64) -> f64 {
     if total == 0 {
         return 100.0;
@@ -70,7 +70,7 @@ pub(crate) fn cut(text: &str, limit: usize) -> String {
     first
 }
 
-/// Replaces control characters except tabs and line ends, because a log's escape codes could hide text.
+/// Replaces control characters except tabs and line feeds, because a log's escape codes could hide text.
 pub(crate) fn printable(page: String) -> String {
     let is_hidden = |c: char| c.is_control() && c != '\n' && c != '\t';
     if page.contains(is_hidden) { page.replace(is_hidden, "\u{fffd}") } else { page }
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_may_hold_commas_and_quotes() {
+    fn cells_may_contain_commas_and_quotes() {
         assert_eq!(csv_cells("a,\"b,\"\"c\"\"\",").unwrap(), ["a", "b,\"c\"", ""]);
         assert_eq!(csv_cells("a,\"b"), None);
     }

@@ -1,7 +1,7 @@
 //! The coordinator publishes missing scenes to the queue and finishes the run.
 //!
-//! It keeps no state: to start, to resume or to take over from another coordinator, it runs one loop, which polls the
-//! queue, then the store, and publishes the scenes that are in neither. Several coordinators may run at once.
+//! It keeps no state: to start, to resume or to take over from another coordinator, it runs the same loop, which polls
+//! the queue, then the store, and publishes the missing scenes that are not in the queue. Several may run at once.
 
 use super::error::FarmError;
 use super::queue::{Message, QueueError, QueueKeeper, QueueState};
@@ -31,7 +31,7 @@ pub struct CoordinateOptions<'a> {
 pub struct Watch {
     pub snapshot: Snapshot,
     pub queue: QueueState,
-    /// Error of the last poll, if the queue could not be reached.
+    /// Error of the last poll of the queue, if it failed.
     pub queue_lost: Option<String>,
     /// Number of changes of the control state by the status page.
     control_changes: u64,
@@ -45,7 +45,7 @@ impl Watch {
     }
 
     /// Replaces the snapshot. A poll that began before the page's last change may have read the older control state,
-    /// so its control state does not count.
+    /// so that state is ignored.
     fn update(&mut self, snapshot: Snapshot, changes_before_poll: u64) {
         let changed = self.control_changes != changes_before_poll;
         let control = changed.then(|| std::mem::take(&mut self.snapshot.control));
@@ -66,18 +66,18 @@ pub struct Coordinated {
     pub published: u64,
     /// True if [`CoordinateOptions::stop`] ended the coordinator.
     pub stopped: bool,
-    /// True if the run was cancelled before every scene was done.
+    /// True if the run was cancelled before every scene was done or in quarantine.
     pub cancelled: bool,
 }
 
-/// Shortest pause after a round, as a multiple of the round's duration.
+/// Shortest pause after a round, as a multiple of the shorter duration of the last two rounds.
 const PAUSE_ROUNDS: u32 = 20;
-/// Time between two full rounds, if no event requires an earlier one.
+/// Longest time between two full rounds; events may require an earlier one.
 const FULL_EVERY: Duration = Duration::from_mins(10);
-/// Time between two reports that the queue or the store cannot be reached.
+/// Shortest time between two reports that the queue, or the store, cannot be reached.
 const COMPLAIN: Duration = Duration::from_secs(30);
 
-/// Polls and publishes until every scene is done or in quarantine, and keeps `watch` up to date.
+/// Polls and publishes until every scene is done or in quarantine, the run is cancelled, or the caller requests a stop.
 pub fn coordinate(
     run: &Run,
     store: &Store,
@@ -191,7 +191,7 @@ impl Coordinator<'_> {
     }
 
     /// Polls the queue before the store, so that a scene that leaves the queue in between already has its tuple. The
-    /// second value is true if a tuple or a quarantine record was removed.
+    /// second value is true if the poll is not `full` and finds that a tuple or a quarantine record was removed.
     fn poll(&mut self, full: bool) -> Result<(Result<QueuePoll, QueueError>, bool), FarmError> {
         let queue = self.poll_queue(full);
         let taken_back = if full {
@@ -223,7 +223,7 @@ impl Coordinator<'_> {
         self.first = false;
     }
 
-    /// Updates `watch`, and reports a change of control or an unreachable queue.
+    /// Updates `watch` if a page shows it, and reports a change of control or, before the end, an unreachable queue.
     fn tell(
         &mut self,
         queue: &Result<QueuePoll, QueueError>,
@@ -250,7 +250,7 @@ impl Coordinator<'_> {
         }
     }
 
-    /// Publishes scenes. Returns false if the queue cannot be reached.
+    /// Publishes scenes, after a purge of the queue if `purge` is set. Returns false if the queue cannot be reached.
     fn publish(&mut self, purge: bool, scenes: &[usize]) -> bool {
         let messages: Vec<Message> = scenes.iter().map(|&s| whole(self.run, s)).collect();
         let purged = if purge { self.queue.purge() } else { Ok(()) };
@@ -285,7 +285,7 @@ impl Coordinator<'_> {
         }
     }
 
-    /// Reports a temporary error of the store and waits. Returns any other error.
+    /// Reports a temporary error of the store (if a report is due) and waits. Returns any other error.
     fn wait_for_store(&mut self, error: FarmError) -> Result<(), FarmError> {
         let FarmError::Access(AccessError::Store(error)) = error else {
             return Err(error);
@@ -327,7 +327,7 @@ impl Coordinator<'_> {
         }
     }
 
-    /// Removes objects that are no longer needed, and marks the run as finished.
+    /// Removes objects that are no longer needed, marks the run as finished, and removes the queue.
     fn finish(&self) -> Result<(), FarmError> {
         let (run, store) = (self.run, self.store);
         self.clear_away();
@@ -345,7 +345,7 @@ impl Coordinator<'_> {
     }
 }
 
-/// True for the first report, and again when [`COMPLAIN`] has passed since the last one.
+/// True if a report is due: the first one, or one after [`COMPLAIN`] since the last. Records its time.
 fn is_due(complained: &mut Option<Instant>) -> bool {
     let due = complained.is_none_or(|at| at.elapsed() > COMPLAIN);
     if due {

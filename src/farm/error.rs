@@ -11,7 +11,7 @@ pub enum FarmError {
     Access(#[from] AccessError),
     #[error(transparent)]
     Queue(#[from] QueueError),
-    /// The child process of a suspect task failed for a reason other than its scene.
+    /// The child process of a suspect task failed for a reason other than the task's scene.
     #[error("a child process could not work, which is no fault of its scene: {0}")]
     Sandbox(String),
 }

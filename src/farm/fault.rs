@@ -1,4 +1,4 @@
-//! Deliberate faults of a worker, to test a farm's recovery.
+//! Deliberate faults and costs of a worker, to test a farm's recovery and to measure a farm.
 
 use super::simulate as sim;
 use crate::run::Event;
@@ -15,7 +15,7 @@ pub enum Fault {
     Hang(SceneId),
     /// Loading and tracing take this many times as long.
     Slow(f64),
-    /// One value of a pixel in each band of this scene is wrong.
+    /// One value of a pixel in each shard of this scene is wrong.
     Wrong(SceneId),
     /// Loading and tracing also sleep for the time that they take in a simulated farm.
     Cost(sim::Work),
@@ -97,7 +97,7 @@ impl Fault {
         }
     }
 
-    /// Injects a wrong value after a band of `scene` was traced.
+    /// Injects a wrong value into the result of a shard of `scene`. Before the shard's last band, `result` is `None`.
     pub(super) fn after(&self, scene: &SceneId, result: Option<&mut TileResult>) {
         if let Self::Wrong(wrong) = self
             && wrong == scene
@@ -107,7 +107,7 @@ impl Fault {
         }
     }
 
-    /// Injects the cost of a shard after one of its `bands` was traced; `scene` is an index in the manifest.
+    /// Injects one band's part of a shard's cost; the shard has `bands` bands, and `scene` is an index in the manifest.
     pub(super) fn after_band(&self, scene: u32, shard: u32, bands: u32) {
         if let Self::Cost(work) = self {
             let whole = Duration::from_micros(work.shard_us(scene, shard));
@@ -122,7 +122,7 @@ impl Fault {
         }
     }
 
-    /// Slows down a load or a band that `took` this time, other faults included.
+    /// Slows down a load or a band. `took` is its time so far, including the sleeps of other faults.
     pub(super) fn slow_down(&self, took: Duration) {
         if let Self::Slow(factor) = self {
             std::thread::sleep(took.mul_f64(factor - 1.0));

@@ -22,8 +22,8 @@ pub struct MergeOutcome {
     pub refused: Vec<(SceneId, String)>,
 }
 
-/// Merges every scene with a complete set of partials; with `dry_run`, only lists these scenes. The partials and tuples
-/// are in the store `elsewhere`, or in the run's folder if `elsewhere` is `None`.
+/// Merges every scene that has a complete set of partials and is neither done nor in quarantine; with `dry_run`, only
+/// lists these scenes. The objects are in the store `elsewhere`, or in the run's folder if `elsewhere` is `None`.
 pub fn merge_run(
     run: &Run,
     elsewhere: Option<&Store>,
@@ -78,7 +78,7 @@ pub fn merge_run(
                 if elsewhere.is_some() {
                     tuples::write_tuple(&store, &encoded(&tuple, line)?)?;
                 } else {
-                    // `write_tuple` also overwrites the files of a folder that is not this scene's tuple.
+                    // Unlike the puts above, this call overwrites the files of an invalid tuple.
                     write_tuple(&tuple, &run.path(&keys::tuple_folder(&line.id)))
                         .map_err(|e| AccessError::Tuple(e.to_string()))?;
                 }

@@ -1,8 +1,8 @@
 //! The farm: workers, the queue, the coordinator, and recovery from failures.
 //!
-//! The run's store is the only state, so starting, resuming and recovering are the same: find the missing results and
-//! make them. A scene goes through `files -> shards -> partials -> tuple`. Each step writes whole files or none, so a
-//! process may be killed at any instruction.
+//! Only the run's store holds lasting state, so starting, resuming and recovering are the same operation: find the
+//! missing results and make them. A scene goes through `files -> shards -> partials -> tuple`. Each step writes whole
+//! files or none, so a process may be killed at any time.
 
 mod coordinator;
 mod error;

@@ -1,4 +1,4 @@
-//! The coordinator's decision after a poll, as a pure function of the findings in queue and store.
+//! The coordinator's decision after a poll, as a pure function of the findings in the queue and the store.
 
 use super::queue::QueueState;
 use crate::run::ControlState;
@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 
 pub(super) struct QueuePoll {
     pub(super) state: QueueState,
-    /// True if a process has created the queue again since the last poll.
+    /// True in the first poll, and if any process has created the queue since the last poll.
     pub(super) other: bool,
     /// Scenes in the queue; empty unless the round is full.
     pub(super) scenes: BTreeSet<u32>,
@@ -35,7 +35,7 @@ pub(super) struct Carried {
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Decision {
-    /// Start a full round at once, because every scene seems to be done.
+    /// Start a full round at once, because every scene seems to be done or in quarantine.
     Verify,
     Finish,
     Cancel,
@@ -47,8 +47,8 @@ pub(super) enum Decision {
     },
 }
 
-/// Decides what to do after a poll, and whether the next round must be full: it must if the run is paused, if the queue
-/// was lost, quiet or created again, if a tuple or a quarantine record was removed, and before the end.
+/// Returns the decision after a poll, and the findings for the next round. That round must be full if no scene seems to
+/// be missing, the run is paused, the queue is lost, quiet or new, or a tuple or a quarantine record was removed.
 pub(super) fn decide(round: &Round, before: Carried) -> (Decision, Carried) {
     let due = before.due || round.taken_back;
     let carried = |due| Carried { due, ..before };

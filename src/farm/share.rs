@@ -7,7 +7,7 @@ use render::line::{Roots, is_url};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Number of objects put in one call.
+/// Largest number of objects put in one call.
 const AT_ONCE: usize = 32;
 
 /// Puts the run's manifest, spec and own photographs into the store, and removes the mark of a finished run.
@@ -29,8 +29,8 @@ fn own_roots(run: &Run) -> impl Iterator<Item = (&String, &PathBuf)> {
     roots.filter(|(_, folder)| folder.is_relative() && !is_url(folder))
 }
 
-/// Puts the files of the run's own roots that its scenes need. Skips files that are absent here: another coordinator
-/// has put them, or the workers' machines have them.
+/// Puts the files of the run's own roots that its scenes need, unless the store is the run's folder. Skips files that
+/// are absent here: another coordinator has put them, or the workers' machines have them.
 fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
     let is_own = |root: &Path| root.canonicalize().ok() == run.root().canonicalize().ok();
     if store.local_root().is_some_and(is_own) {
@@ -60,8 +60,8 @@ fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
 }
 
 impl Run {
-    /// On a machine without the run's folder, replaces the run's own roots by folders in `store`, except for roots that
-    /// exist here or are in `given`.
+    /// Replaces the run's own roots by folders in `store`, except for roots that exist on this machine or are in
+    /// `given`.
     pub fn take_inputs_from(&mut self, store: &Store, given: &Roots) {
         let own: Vec<(String, PathBuf)> = own_roots(self)
             .filter(|(name, folder)| {

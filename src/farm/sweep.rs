@@ -1,5 +1,5 @@
-//! Removes the files that killed processes leave: half-written files under temporary names, and partials of merged
-//! scenes.
+//! Removes the files that killed processes leave: half-written files under temporary names, and partials and attempts
+//! of merged scenes.
 
 use crate::run::{Run, keys};
 use crate::store::Store;
@@ -7,7 +7,7 @@ use render::atomic_file::{self, is_temporary};
 use render::merge::is_written;
 use std::path::Path;
 
-/// Removes these files from a run. The caller holds the run's lock. Ignores errors, because remaining files do no harm.
+/// Removes the leftovers of killed processes from a run. The caller must hold the run's lock. Ignores errors.
 pub(super) fn sweep(run: &Run) {
     // Depth 5 covers the input folders of DIODE: source / train / indoors / scene / scan.
     let folders =
@@ -22,8 +22,8 @@ pub(super) fn sweep(run: &Run) {
     }
 }
 
-/// Removes unfinished puts of killed workers from a store on a local disk. Callers use it at the end of a run: the
-/// removal may make a late put fail, but only of an object that the store already has.
+/// Removes unfinished puts of killed workers from the run's folder if the store is on a local disk. Callers use it at
+/// the end of a run: the removal may make a late put fail, but the store already has that object then.
 pub(super) fn sweep_staged(run: &Run, store: &Store) {
     if store.is_local() {
         sweep_folders(run, &SCENE_FOLDERS);

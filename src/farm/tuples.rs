@@ -22,7 +22,7 @@ pub(crate) fn write_noise(store: &Store, line: &SceneLine, bytes: &[u8]) {
     let _ = store.replace(&keys::noise(&line.id), bytes);
 }
 
-/// Removes the partials and attempts of a scene with a durable tuple. Ignores errors, because leftovers do no harm.
+/// Removes a merged scene's partials and, on a disk, its folder of attempts. Ignores errors: leftovers do no harm.
 pub(crate) fn remove_partials(store: &Store, line: &SceneLine) {
     let _ = store.remove_folder(&keys::partials(&line.id));
     if store.is_local() {

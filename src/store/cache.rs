@@ -1,8 +1,8 @@
 //! A cache of objects on this machine's disk, so that each object crosses the network once.
 //!
-//! A digest of the object's URL is the name of an entry's file. The file contains a line of JSON with the ETag and a
-//! digest of the content, then the content. An entry is used only if the digest matches and the object in the store
-//! still has the ETag. Files are renamed into place, so any number of workers can share a folder.
+//! A digest of the object's URL is the name of an entry's file. The file contains a line of JSON with the URL, the ETag
+//! and a digest of the content, then the content. An entry is used only if the digest matches and the object in the
+//! store still has the ETag. Files are renamed into place, so any number of workers can share a folder.
 
 use render::atomic_file;
 use serde::{Deserialize, Serialize};
@@ -52,7 +52,7 @@ impl Cache {
         self.folder.join(&blake3::hash(url.as_bytes()).to_hex()[..32])
     }
 
-    /// Returns the object if it is cached and intact.
+    /// Returns the object if it is cached and intact. Removes a damaged entry.
     pub(super) fn get(&self, url: &str) -> Option<Entry> {
         let path = self.file(url);
         let mut bytes = std::fs::read(&path).ok()?;
@@ -68,7 +68,7 @@ impl Cache {
         Some(Entry { etag: head.etag, bytes })
     }
 
-    /// Caches an object. Ignores errors of the disk, which only cost time.
+    /// Caches an object of at most half the limit. Ignores errors of the disk, which only cost time.
     pub(super) fn put(&self, url: &str, etag: &str, bytes: &[u8]) {
         let size = bytes.len() as u64;
         if size > self.limit_bytes / 2 {
@@ -93,7 +93,7 @@ impl Cache {
         let _ = atomic_file::write_relaxed(&self.file(url), &file);
     }
 
-    /// Removes the least recently used entries until there is room for a twentieth of the limit and `size`.
+    /// Frees `size` and a twentieth of the limit: removes old unfinished files and the least recently used entries.
     fn make_room(&self, size: u64) -> io::Result<()> {
         let now = SystemTime::now();
         let mut files: Vec<(SystemTime, u64, PathBuf)> = Vec::new();
@@ -124,7 +124,7 @@ impl Cache {
     }
 }
 
-/// True if the path is named like an entry. Other files in the folder stay.
+/// True if the path has the name of an entry. Other files in the folder stay.
 fn is_entry(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(|name| name.len() == 32 && name.bytes().all(|b| b.is_ascii_hexdigit()))

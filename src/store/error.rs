@@ -13,7 +13,7 @@ pub enum StoreError {
         address: String,
         reason: String,
     },
-    /// A call failed, and so did its repetitions.
+    /// A call failed permanently, or in all repetitions.
     #[error(
         "cannot {what} {key} in {store}: {reason}; check its space, its permissions and the connection"
     )]
@@ -34,9 +34,9 @@ pub enum StoreError {
     Differs {
         key: String,
         store: String,
-        /// BLAKE3 of this process's bytes.
+        /// First 16 digits of the BLAKE3 digest of this process's bytes.
         here: String,
-        /// BLAKE3 of the store's bytes.
+        /// First 16 digits of the BLAKE3 digest of the store's bytes.
         there: String,
     },
 }
@@ -48,8 +48,8 @@ impl StoreError {
     }
 }
 
-/// True if a call with this error may succeed later. Unknown errors count as temporary: a worker that waits in vain
-/// ends with a message, but one that gives up at the first lost connection is useless.
+/// True if a call with this error may succeed later. A server's unknown errors count as temporary: a worker that waits
+/// in vain ends with a message, but a worker that gives up at the first lost connection is useless.
 pub(super) fn is_passing(error: &object_store::Error) -> bool {
     use object_store::Error as E;
     let E::Generic { store, .. } = error else {

@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::time::Duration;
 
-/// Reads input files by path or by URL.
+/// Reader of input files by path or by URL.
 #[derive(Debug, Default)]
 pub struct Inputs {
     options: StoreOptions,
@@ -65,7 +65,7 @@ impl Inputs {
         }
     }
 
-    /// Returns the first `count` bytes (or all) of the object at the URL `path`, and its size. Caches no partial reads.
+    /// Returns the first `count` bytes (or all) and the size of the object at the URL `path`. Does not cache a part.
     pub fn read_start(&self, path: &Path, count: usize) -> io::Result<(Vec<u8>, u64)> {
         if let Some((_, bucket, key)) = parts(path) {
             let store = self.bucket(bucket).map_err(io::Error::other)?;
@@ -79,7 +79,7 @@ impl Inputs {
         Ok((bytes, size))
     }
 
-    /// Returns the names of all objects below `folder`, a URL, relative to it.
+    /// Returns the names of all objects below the URL `folder`, relative to this folder.
     pub fn list(&self, folder: &Path) -> Result<Vec<String>, StoreError> {
         let Some((_, bucket, key)) = parts(folder) else {
             return Err(StoreError::Address {
@@ -164,7 +164,7 @@ impl Store {
         RUNTIME.block_on(with_patience(Duration::ZERO, get)).ok()
     }
 
-    /// Returns `Absent` if the bucket exists, because a wrong bucket is not an error of a scene.
+    /// Returns `Absent` if the bucket exists, and otherwise an error, because a scene does not cause a wrong bucket.
     fn absent(&self, key: &str) -> Result<Fetched, StoreError> {
         let look = || async { self.objects.list(None).try_next().await };
         match RUNTIME.block_on(with_patience(self.patience, look)) {

@@ -1,6 +1,6 @@
 //! The store of a run's objects: a local disk or an object store, behind the same few calls.
 //!
-//! Keys are the names of a run directory's files. Results are put once and never changed: a put to an existing key
+//! Keys are the paths of files in a run's folder. Results are put once and never changed: a put to an existing key
 //! compares the bytes, so that the first shared object exposes two machines that compute different bits.
 
 mod cache;
@@ -26,7 +26,7 @@ use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 use tokio::runtime::Runtime;
 
-/// Runs all tasks that wait for a store, a queue or a browser. Two threads are enough, because they do not compute.
+/// Runtime of all tasks that wait for a store, a queue or a browser. Two threads suffice, because no task computes.
 pub(crate) static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| {
     tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
@@ -36,10 +36,10 @@ pub(crate) static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| {
         .expect("the system starts two threads")
 });
 
-/// Number of concurrent calls for one list of keys.
+/// Largest number of concurrent calls for one list of keys.
 const CALLS_AT_ONCE: usize = 16;
 
-/// Number of repetitions of a put after another process removed its unfinished file.
+/// Largest number of repetitions of a put after another process removed the put's unfinished file.
 const CLEARED_AWAY: u32 = 3;
 
 #[derive(Clone)]
@@ -152,14 +152,14 @@ impl Store {
                 Err(error @ (E::AlreadyExists { .. } | E::Precondition { .. })) => {
                     match self.get_async(key).await? {
                         Some(there) => return self.compare(key, &bytes, &there),
-                        // Removed in between, or (S3's 409) another put is in progress and may still fail.
+                        // The object is gone again, or (S3's 409) another put is in progress and may still fail.
                         None => error,
                     }
                 }
                 Err(error) => match self.get_async(key).await {
                     // Another process was first, and removed the unfinished file of this put.
                     Ok(Some(there)) if there == bytes => return Ok(Put::Same),
-                    // Finished runs are cleaned up once, finished scenes once by each worker that finished them.
+                    // A finished run is cleaned up once, a finished scene once by each worker that finished it.
                     Ok(None) if cleared_away < CLEARED_AWAY && is_cleared_away(&error) => {
                         cleared_away += 1;
                         continue;
@@ -186,7 +186,7 @@ impl Store {
         })
     }
 
-    /// Puts an object and replaces an existing one: for notes that change, and for damaged objects.
+    /// Puts an object that may change, such as a record, and replaces an existing one. Results need [`Self::create`].
     pub fn replace(&self, key: &str, bytes: &[u8]) -> Result<(), StoreError> {
         let (path, payload) = (self.key(key), PutPayload::from(bytes.to_vec()));
         RUNTIME
@@ -195,7 +195,7 @@ impl Store {
             .map_err(|e| self.failed("write", key, &e))
     }
 
-    /// Returns an object's bytes, if it exists.
+    /// Returns the bytes of an object, if the object exists.
     pub fn get(&self, key: &str) -> Result<Option<Bytes>, StoreError> {
         RUNTIME.block_on(self.get_async(key))
     }
@@ -210,7 +210,7 @@ impl Store {
         }
     }
 
-    /// Returns the bytes of several objects in the order of `keys`.
+    /// Returns the bytes of several objects in the order of `keys`; `None` for absent objects.
     pub fn get_all(&self, keys: &[String]) -> Result<Vec<Option<Bytes>>, StoreError> {
         RUNTIME.block_on(async {
             futures_util::stream::iter(keys)
@@ -249,7 +249,7 @@ impl Store {
         Ok(files.iter().all(is_listed))
     }
 
-    /// Removes all objects below `folder`, on a disk with the folder.
+    /// Removes all objects below `folder`. On a disk, also removes the folder itself, and ignores errors.
     pub(crate) fn remove_folder(&self, folder: &str) -> Result<(), StoreError> {
         if let Some(root) = &self.local {
             let _ = std::fs::remove_dir_all(root.join(folder));

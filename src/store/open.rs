@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Settings of a store that is not a folder.
+/// Settings for opening a store.
 #[derive(Clone)]
 pub struct StoreOptions {
     /// Credentials and endpoints, under object_store's names in any case: `AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`,
@@ -34,7 +34,7 @@ impl std::fmt::Debug for StoreOptions {
 }
 
 impl Store {
-    /// Opens a folder, `file:///…`, or `s3://BUCKET/PREFIX` (`gs://`, `az://` with their features).
+    /// Opens a folder (created if absent), `file:///…`, or `s3://BUCKET/PREFIX` (`gs://`, `az://` with their features).
     pub fn open(address: &str, options: &StoreOptions) -> Result<Self, StoreError> {
         let invalid = |reason: String| StoreError::Address { address: address.to_owned(), reason };
         let folder = match address.split_once("://") {
@@ -58,7 +58,7 @@ impl Store {
     }
 
     fn open_url(scheme: &str, rest: &str, options: &StoreOptions) -> Result<Self, StoreError> {
-        // The parts before an @ or after a ? may be secrets, which do not belong in an address.
+        // The parts before an @ or after a ? or # may be secrets, which do not belong in an address.
         let shown = rest.split(['?', '#']).next().unwrap_or_default();
         let shown = shown.rsplit('@').next().unwrap_or_default();
         let name = format!("{scheme}://{}", shown.trim_end_matches('/'));
@@ -92,8 +92,8 @@ mod remote {
     use std::sync::Arc;
     use std::time::Duration;
 
-    /// Returns the quick retries of object_store. [`super::super::patience`] handles longer outages, and calls that
-    /// object_store does not repeat, such as a put over a lost connection.
+    /// Returns the settings of object_store's quick retries. [`super::super::patience`] handles longer outages, and
+    /// calls that object_store does not repeat, such as a put over a lost connection.
     fn retries() -> RetryConfig {
         RetryConfig {
             backoff: BackoffConfig {

@@ -14,7 +14,7 @@ pub(super) struct Tries {
 }
 
 impl Tries {
-    /// No try starts later than `patience` from now.
+    /// Returns pauses for a call that starts now. No try starts later than `patience` from now.
     pub(super) fn new(patience: Duration) -> Self {
         Self { until: Instant::now() + patience, pause: PAUSE[0] }
     }

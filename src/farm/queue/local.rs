@@ -75,7 +75,7 @@ impl LocalQueue {
         self.shared.state.lock().expect("no holder of this lock panics")
     }
 
-    /// Adds messages. Returns true if all are new.
+    /// Adds the messages that are not in the queue. Returns true if all are new.
     fn put(&self, messages: &[Message], deliveries: u32) -> bool {
         let mut state = self.lock();
         let mut all_new = true;

@@ -1,6 +1,6 @@
-//! The queue: a set of messages, each a task, that workers lease, renew and finish.
+//! The queue: a set of messages with one task each. Workers lease tasks, renew the leases and finish them.
 //!
-//! A queue may lose, repeat or return any message without changing the results, because only the store records
+//! A queue may lose, repeat or restore any message without changing the results, because only the store records
 //! which scenes are done. Two implementations, one inside a process and one on NATS JetStream, pass the same tests
 //! (`tests/farm/queues.rs`).
 
@@ -43,7 +43,7 @@ pub struct Lease {
     /// Identifies the lease in calls of [`Queue`].
     pub id: u64,
     pub message: Message,
-    /// True if the queue delivered the message before, so that an earlier worker probably died with it.
+    /// True if the queue has delivered the message before; the earlier worker has probably died.
     pub redelivered: bool,
 }
 
@@ -52,7 +52,7 @@ pub enum Taken {
     Lease(Lease),
     Nothing,
     Ended,
-    /// The queue cannot be reached, for this reason. Later calls may succeed.
+    /// No lease, because the queue cannot be reached or its message cannot be used. Later calls may succeed.
     Lost(String),
 }
 
@@ -78,13 +78,13 @@ impl Request {
     }
 }
 
-/// The queue cannot be reached. Leases stay valid until they expire, so no task is lost.
+/// A failed call to the queue. Leases stay valid until they expire, so no task is lost.
 #[derive(Debug, thiserror::Error)]
 #[error("the queue cannot be reached: {0}")]
 pub struct QueueError(pub String);
 
 pub trait Queue: Send + Sync {
-    /// Leases a task and waits up to `wait` for one. A `wait` of zero leases only a task that is available at once.
+    /// Leases a task, and waits up to `wait` until one is available. A `wait` of zero returns at once.
     fn take(&self, wait: Duration) -> Taken;
     /// Publishes messages. On return the queue has them. Returns false if the queue already had one of them: the worker
     /// with that message may have checked its scene and be about to finish it.
@@ -92,19 +92,19 @@ pub trait Queue: Send + Sync {
     fn renew(&self, lease: u64);
     /// Ends the lease of a task that is done or published again.
     fn finish(&self, lease: u64);
-    /// Requests work from a busy worker. `load_s`: time that this worker takes to load a scene, if known.
+    /// Requests work from a busy worker. `load_s`: time that this worker takes to load a scene, s, if known.
     fn request(&self, load_s: Option<f64>) -> Answer;
     /// Starts (`able`) or stops receiving requests of other workers.
     fn accept_requests(&self, able: bool);
-    /// Waits for another worker's request up to `wait`.
+    /// Waits up to `wait` for another worker's request.
     fn requested(&self, wait: Duration) -> Option<Request>;
 }
 
 pub trait QueueKeeper: Send + Sync {
-    /// Creates the queue if it does not exist. Returns true if any process has created it again since the last call.
+    /// Creates the queue if needed. Returns true in the first call, and if any process created it since the last call.
     fn ensure(&self) -> Result<bool, QueueError>;
     fn state(&self) -> Result<QueueState, QueueError>;
-    /// Scenes of the messages in the queue.
+    /// Returns the scenes of the messages in the queue.
     fn scenes(&self) -> Result<BTreeSet<u32>, QueueError>;
     /// Publishes messages. A message that is already in the queue is not an error.
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError>;
@@ -120,7 +120,7 @@ pub struct QueueState {
 }
 
 impl QueueState {
-    /// True if the queue has nothing to deliver, even if [`QueueKeeper::scenes`] still lists messages.
+    /// True if no message waits and no worker holds one, even if [`QueueKeeper::scenes`] still lists messages.
     pub fn is_quiet(&self) -> bool {
         self.waiting == 0 && self.held == 0
     }

@@ -1,9 +1,9 @@
 //! The queue on NATS JetStream: one work-queue stream per run, and one subject per task. `nats_worker` implements the
 //! worker's side, `nats_coordinator` the coordinator's.
 //!
-//! A subject holds at most one message, so the stream is a set: the server refuses a message that it already has, which
-//! counts as published. A worker that cannot do a task sends no NAK: it publishes the task with [`Message::hops`] one
-//! higher and acknowledges the old message. A second delivery therefore always means a lost worker.
+//! A subject holds at most one message, so the stream is a set: the server refuses a message that it already has, and
+//! the message counts as published. A worker that cannot do a task sends no NAK: it publishes the task with
+//! [`Message::hops`] one higher and acknowledges the old message. So a second delivery usually means a lost worker.
 
 use super::super::message::write_message;
 use super::{Message, QueueError};
@@ -21,9 +21,9 @@ pub(super) const CONSUMER: &str = "work";
 pub(super) const ANSWER: Duration = Duration::from_secs(5);
 /// Time between two probes of an unreachable server.
 pub(super) const PROBE_EVERY: Duration = Duration::from_secs(20);
-/// Pause after a failed call to the server.
+/// Pause after a failed pull.
 pub(super) const AWAY: Duration = Duration::from_millis(300);
-/// Largest number of unconfirmed messages.
+/// Largest number of unconfirmed messages of one publication.
 pub(super) const IN_FLIGHT: usize = 256;
 
 #[derive(Clone, Debug, Default)]
@@ -79,7 +79,7 @@ pub(super) struct Connection {
     pub(super) run: [u8; 8],
     pub(super) stream: String,
     pub(super) subjects: String,
-    /// Text of the last event, or `None` if that was a connection.
+    /// Text of the connection's last event; `None` before the first event, and if the last event was a connection.
     pub(super) complaint: Arc<Mutex<Option<String>>>,
     pub(super) options: NatsOptions,
     /// Time and result of the last probe.
@@ -155,7 +155,7 @@ impl Connection {
         }
     }
 
-    /// Returns an error that includes the last event of the connection.
+    /// Returns an error that includes the last event of the connection, if it was a failure.
     pub(super) fn lost(&self, error: &dyn std::fmt::Display) -> QueueError {
         let said = self.complaint.lock().expect("no holder of this lock panics");
         QueueError(match &*said {
@@ -192,13 +192,13 @@ impl Connection {
     }
 }
 
-/// Waits for the server up to `limit`; returns `None` if it gives no answer.
+/// Waits up to `limit` for the server; returns `None` if no answer arrives.
 pub(super) fn within<T>(limit: Duration, answer: impl Future<Output = T>) -> Option<T> {
     // Tokio can create a timer only inside a runtime.
     RUNTIME.block_on(async { tokio::time::timeout(limit, answer).await.ok() })
 }
 
-/// Formats an error of a connection with all of its causes.
+/// Formats an error of a connection, with the URL and all causes.
 pub(super) fn cause(url: &str, error: &dyn std::error::Error) -> String {
     use std::fmt::Write as _;
     let mut text = format!("{}: {error}", shown(url));

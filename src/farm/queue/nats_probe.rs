@@ -11,12 +11,12 @@ pub struct NatsFacts {
     pub version: String,
     /// Time of a round trip.
     pub answer: Duration,
-    /// Limits of the account, or the error. The error is `None` if no answer arrives, for example if the user lacks
-    /// permission.
+    /// Usage and limits of the account, or the error. The error is `None` if no answer arrives, for example if the user
+    /// lacks permission.
     pub account: Result<NatsAccount, Option<String>>,
     pub has_jetstream: bool,
-    /// Time of creation of a trial stream by the server's clock, and this machine's clock before and after. `None`
-    /// without permission to read the limits.
+    /// Creation time of a trial stream by the server's clock, with the times before and after by this machine's clock,
+    /// or the error. `None` if the query of the account got no answer.
     pub made: Option<Result<(SystemTime, [SystemTime; 2]), String>>,
 }
 
@@ -29,7 +29,7 @@ pub struct NatsAccount {
     pub max_storage_bytes: Option<i64>,
 }
 
-/// Connects once and queries the server. If the user may read the limits, creates and removes a small stream in memory.
+/// Connects once and queries the server. If it answers the query of the account, also makes and removes a small stream.
 pub fn probe_nats(options: &NatsOptions) -> Result<NatsFacts, QueueError> {
     let (connect, servers) = (options.connect()?, options.servers()?);
     let connect = connect.request_timeout(Some(ANSWER));
@@ -78,8 +78,8 @@ fn account(context: &Context) -> Result<NatsAccount, Option<String>> {
     }
 }
 
-/// True if JetStream answers a stream lookup, which workers may always do. The error for an absent stream is an answer,
-/// too.
+/// True if JetStream answers a lookup of a stream, which workers always have permission for. The error for an absent
+/// stream is an answer, too.
 fn knows_streams(context: &Context, name: &str) -> bool {
     match within(ANSWER, context.get_stream(name)) {
         Some(Err(error)) => {
@@ -107,7 +107,7 @@ fn make(context: &Context, name: &str) -> Result<(SystemTime, [SystemTime; 2]), 
     let after = SystemTime::now();
     let nanoseconds = stream.cached_info().created.unix_timestamp_nanos();
     let since = Duration::from_nanos(u64::try_from(nanoseconds).unwrap_or(0));
-    // If the removal fails, the stream remains empty, and the next `doctor` of this name uses it again.
+    // If the removal fails, an empty stream remains, which the next `doctor` of this name uses again.
     let _ = within(ANSWER, context.delete_stream(name));
     Ok((UNIX_EPOCH + since, [before, after]))
 }

@@ -129,7 +129,7 @@ impl Queue for NatsWorker {
 
     fn finish(&self, lease: u64) {
         if let Some(message) = self.held(lease) {
-            // If the server cannot be reached, it delivers the task again later, and a worker finds the scene done.
+            // If the server cannot be reached, it delivers the task again later, which only costs time.
             let _ = within(ANSWER, message.double_ack());
             let mut held = self.held.lock().expect("no holder of this lock panics");
             held.remove(&lease);

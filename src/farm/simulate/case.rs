@@ -1,4 +1,4 @@
-//! A case to simulate: the work, the fleet, the rules, the faults.
+//! A case to simulate: the work, the fleet, the rules and the faults.
 
 pub(super) use render::hash::splitmix64 as mix;
 
@@ -7,9 +7,9 @@ pub(super) use render::hash::splitmix64 as mix;
 pub struct Work {
     pub scenes: u32,
     pub shards: u32,
-    /// Time of a worker of speed 1 for a shard of the cheapest scenes, s. Shards vary by 25 %.
+    /// Mean time of a worker of speed 1 for a shard of the cheapest scenes, s. Shards vary by up to 25 % either way.
     pub cheapest_shard_s: f64,
-    /// Number of doublings from the cheapest scenes to the dearest (4: costs of 1 to 16), all equally frequent.
+    /// Number of doublings from the cheapest scenes to the dearest (4: costs of 1, 2, 4, 8 and 16, equally frequent).
     pub doublings: u32,
     /// Number of scenes at the end that have the highest cost, which is the worst order.
     pub dearest_last: u32,
@@ -20,7 +20,7 @@ pub struct Work {
 }
 
 impl Work {
-    /// Returns the time of a worker of speed 1 for a shard, µs. Seed 0 has the costs of the measured prototype.
+    /// Returns the time of a worker of speed 1 for a shard, µs. Seed 0 gives the costs of the measured prototype.
     pub fn shard_us(&self, scene: u32, shard: u32) -> u64 {
         let seed = if self.seed == 0 { 0 } else { mix(self.seed) };
         let drawn = mix(u64::from(scene) ^ seed) % u64::from(self.doublings + 1);
@@ -49,7 +49,7 @@ pub struct Fleet {
     pub publishes_per_s: f64,
 }
 
-/// Times that the user of a farm chooses.
+/// Intervals in the rules of the farm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rules {
     /// Time after which an unrenewed lease expires, s. Workers renew a lease after every third of it.
@@ -58,14 +58,14 @@ pub struct Rules {
     pub reconcile_s: f64,
 }
 
-/// A fault of a worker, or of the servers.
+/// A fault of a worker, or of the queue's server.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
     Kill {
         worker: u32,
         at_s: f64,
     },
-    /// All work takes this worker `times` as long.
+    /// All work of this worker takes longer by the factor `times`.
     Slow {
         worker: u32,
         times: f64,
@@ -109,7 +109,7 @@ impl Default for Rules {
 }
 
 impl Default for Work {
-    /// Returns the measured case of the prototype: 50 scenes of 16 shards with costs of 1 to 16, the dearest last.
+    /// Returns the prototype's measured case: 50 scenes of 16 shards with costs of 1 to 16, three of the dearest last.
     fn default() -> Self {
         Self {
             scenes: 50,

@@ -56,7 +56,7 @@ impl Sim<'_> {
         self.after(us(listing_s), Event::Listed);
     }
 
-    /// Publishes the scenes that are in neither listing.
+    /// Adds the scenes that are in neither listing to the backlog, or ends the run if every scene has its tuple.
     pub(super) fn listed(&mut self) {
         self.coordinator.is_listing = false;
         self.coordinator.reconciled_us = self.now_us;

@@ -36,7 +36,7 @@ impl Sim<'_> {
         self.go_on(worker);
     }
 
-    /// Starts the next computation, or looks for work.
+    /// Starts the next computation and prefetches a task, or looks for work.
     fn go_on(&mut self, worker: WorkerId) {
         if !self.workers[worker as usize].is_computing() {
             self.compute(worker);
@@ -66,7 +66,7 @@ impl Sim<'_> {
         while let Some(task) = w.queued.pop_front() {
             if w.tasks.load(task, now) {
                 w.doing = Doing::Loads(task);
-                // Only a load resets the pauses, because the scene of a new lease may be done or donated by now.
+                // Only a load resets the pauses, because a newly leased task may be done or donated by now.
                 w.pauses = 0;
                 self.outcome.loads += 1;
                 let load_us = us(w.load_s);

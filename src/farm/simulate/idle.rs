@@ -24,7 +24,7 @@ impl Sim<'_> {
         self.send(ServerEvent::Pull { worker, waits });
     }
 
-    /// Leases the next task if the worker's tasks do not last long enough. The request does not wait at the server,
+    /// Leases the next task if the worker's tasks do not last long enough. The pull does not wait at the server,
     /// because donations are for idle workers.
     pub(super) fn prefetch(&mut self, worker: WorkerId) {
         let w = &self.workers[worker as usize];
@@ -40,13 +40,13 @@ impl Sim<'_> {
         }
     }
 
-    /// Starts a pull that waits at the server, and sends requests meanwhile.
+    /// Starts a pull that waits at the server, and schedules a request meanwhile.
     pub(super) fn look_for_work(&mut self, worker: WorkerId) {
         self.pull(worker, true);
         self.pause(worker);
     }
 
-    /// Requests again after a pause twice as long as the last. Half of the pause is random.
+    /// Schedules a request after a pause, which doubles each time up to the longest one. Half of the pause is random.
     fn pause(&mut self, worker: WorkerId) {
         let [first_s, longest_s] = PAUSE_S;
         let w = &mut self.workers[worker as usize];
@@ -89,7 +89,7 @@ impl Sim<'_> {
         }
     }
 
-    /// Handles the answer. A donated task arrives through the waiting pull, or another worker gets it.
+    /// Handles a donor's answer. A donated task arrives through the waiting pull, or another worker gets it.
     pub(super) fn answered(&mut self, worker: WorkerId) {
         if self.is_idle(worker) {
             self.pause(worker);

@@ -53,7 +53,7 @@ impl Tally {
     }
 }
 
-/// Messages of one kind.
+/// Figures of the messages of one kind.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Messages {
     #[serde(skip)]
@@ -73,7 +73,7 @@ pub struct Outcome {
     pub loads: u64,
     pub loads_per_scene: f64,
     pub shards_traced: u64,
-    /// Number of shards that workers traced again, after another worker had traced them.
+    /// Number of traces of shards that had been traced before.
     pub shards_traced_again: u64,
     /// Number of requests that a donor fulfilled.
     #[serde(rename = "gives")]
@@ -85,14 +85,14 @@ pub struct Outcome {
     pub leases_ended: u64,
     /// Number of acknowledgements that removed another message, because the stream had been created again.
     pub wrong_acknowledgements: u64,
-    /// Messages to and from the queue's server; an object by kind in JSON.
+    /// Messages to and from the queue's server; in JSON, an object with the kinds as keys.
     #[serde(serialize_with = "by_kind")]
     pub messages: Vec<Messages>,
     pub peak_messages_per_s: u32,
     /// Median number of messages per second of the makespan.
     pub median_messages_per_s: u32,
     pub most_in_stream: u64,
-    /// Number of times that workers list partials: after loading a scene, and after storing a part of a scene.
+    /// Number of listings of partials by workers: after loading a scene, and after storing a part of a scene.
     pub worker_listings: u64,
     /// Number of pages of 1000 keys that the coordinator listed.
     pub coordinator_pages: u64,

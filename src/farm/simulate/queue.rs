@@ -214,7 +214,7 @@ impl Queue {
         (0..self.messages.len() as Sequence).filter(is_gone).collect()
     }
 
-    /// Puts an acknowledged message back. The queue never delivers a `zombie`, but any other message again.
+    /// Puts an acknowledged message back. The queue never delivers a `zombie`, and delivers any other message again.
     pub(super) fn resurrect(&mut self, sequence: Sequence, zombie: bool) {
         let message = &mut self.messages[sequence as usize];
         assert_eq!(message.state, State::Gone);

@@ -6,7 +6,7 @@ use super::queue::Expiry;
 use super::state::{Event, ServerEvent, Sim, WorkerEvent, WorkerId, us};
 use crate::farm::queue::Message;
 
-/// Time that a pull waits at the server, s.
+/// Longest time that a pull waits at the server, s.
 const PULL_S: f64 = 30.0;
 
 impl Sim<'_> {
@@ -88,7 +88,7 @@ impl Sim<'_> {
         let receiver = &mut self.workers[worker as usize];
         receiver.open_pull = None;
         receiver.inbox = Some((delivery, stream));
-        // The worker checks the store before it adds the task to its own.
+        // The worker checks the store before it adds the task.
         let delay_us = self.way_us() + us(self.case.fleet.store_s);
         self.at_worker_after(delay_us, worker, WorkerEvent::Delivered);
         true

@@ -76,7 +76,7 @@ pub(super) struct Worker {
     pub(super) stopped_until_us: u64,
     /// Computing time that the worker missed while it was stopped, µs.
     pub(super) owed_us: u64,
-    /// Factor on the time of a shard.
+    /// Factor on the time to trace a shard.
     pub(super) slowness: f64,
     /// Time to load a scene, s.
     pub(super) load_s: f64,
@@ -99,7 +99,7 @@ pub(super) struct Worker {
     pub(super) listens: Option<u32>,
     /// Number of the last pause between requests; timers of earlier pauses are ignored.
     pub(super) round: u32,
-    /// Number of pauses since the worker last had work.
+    /// Number of pauses since the worker last loaded a scene.
     pub(super) pauses: u32,
 }
 
@@ -121,7 +121,7 @@ impl Worker {
 #[derive(Default)]
 pub(super) struct Coordinator {
     pub(super) is_listing: bool,
-    /// By scene: true if the last listing of the queue had no message of it.
+    /// For each scene, true if the last listing of the queue had no message of the scene.
     pub(super) is_absent: Vec<bool>,
     /// Missing tasks that are not published yet.
     pub(super) backlog: VecDeque<Task>,

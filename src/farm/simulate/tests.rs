@@ -1,4 +1,4 @@
-//! Checks the simulator against cases solved on paper, and the farm's rules against their aims.
+//! Checks the simulator against cases solved by hand, and the farm's rules against their aims.
 
 use super::{Case, Fault, Fleet, Outcome, Rules, Work, lower_bound_s, simulate, some_workers};
 
@@ -25,7 +25,7 @@ fn prototype_faults() -> Vec<Fault> {
     vec![Fault::Kill { worker: 0, at_s: 3.1 }, Fault::Slow { worker: 1, times: 4.0 }]
 }
 
-/// The prototype measured 13.52 s and 16.81 s with costs in whole milliseconds.
+/// The prototype computed bounds of 13.52 s and 16.81 s, with costs in whole milliseconds.
 #[test]
 fn the_bound_equals_that_of_the_prototype() {
     let bound = |faults| lower_bound_s(&prototype(faults)).unwrap();
@@ -83,7 +83,7 @@ fn everything_gets_done_under_all_faults() {
     }
 }
 
-/// A stopped worker resumes tasks that others have leased meanwhile, so their shards are traced twice.
+/// A stopped worker resumes tasks that others have leased meanwhile, so some of their shards are traced twice.
 #[test]
 fn an_expired_lease_costs_only_time() {
     let mut case = hundred_workers(1);

@@ -1,4 +1,4 @@
-//! The work of a compute thread: loads a scene, traces its bands, merges its shards and encodes its files.
+//! The work of a compute thread: loading scenes, tracing bands, sealing and merging shards, and encoding files.
 
 use super::core::panic_reason;
 use super::jobs::{ActiveTask, Band, FinishedScene, Job, Loaded, Objects, Order};
@@ -153,7 +153,7 @@ impl<'a> ComputeThread<'_, 'a> {
 
     fn encode(&self, scene: &FinishedScene<'a>, file: usize) -> Result<(), FarmError> {
         let worker = self.worker;
-        // The scene may have failed meanwhile.
+        // The task may have ended meanwhile.
         if !worker.tasks().has(scene.task.id) {
             return Ok(());
         }

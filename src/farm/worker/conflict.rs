@@ -13,7 +13,7 @@ use render::partial;
 use std::path::PathBuf;
 
 impl<'a> Worker<'a> {
-    /// Puts a shard's partial. Returns false after a conflict.
+    /// Puts a shard's partial, and replaces a damaged one. Returns false after a conflict.
     pub(super) fn put_partial(
         &self,
         task: &ActiveTask<'a>,
@@ -70,7 +70,7 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// Records a conflict over the first object of `own`, and fails the scene.
+    /// Checks this machine, and then records a conflict over the first object of `own` and fails the scene.
     fn disagree(
         &self,
         task: &ActiveTask<'a>,

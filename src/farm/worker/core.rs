@@ -1,4 +1,4 @@
-//! The state that a worker's threads share, with the machine behind its lock, and the execution of its actions.
+//! The shared state of a worker's threads, with the locked state machine, and the execution of the machine's actions.
 
 use super::costs::Costs;
 use super::jobs::{ActiveTask, Job};
@@ -21,7 +21,7 @@ pub(super) struct Worker<'a> {
     pub(super) run: &'a Run,
     pub(super) store: &'a Store,
     pub(super) queue: &'a dyn Queue,
-    /// The shared queue, if other workers take part in the run.
+    /// The shared queue, if other processes take part in the run.
     pub(super) shared_queue: Option<&'a SharedQueue<'a>>,
     pub(super) options: &'a WorkOptions<'a>,
     pub(super) on_event: &'a (dyn Fn(Event) + Sync),
@@ -152,7 +152,7 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// Completes a scene if the store has all of its shards, and otherwise ends the task, which has stored its own.
+    /// Completes a scene if the store has all of its shards, and otherwise ends the task, because its part is stored.
     fn check_scene(&self, task: TaskId) -> Result<(), FarmError> {
         let Some(active) = self.tasks().payload(task).cloned() else {
             return Ok(());
@@ -171,7 +171,7 @@ impl<'a> Worker<'a> {
         self.perform(actions)
     }
 
-    /// Ends the task and returns true if another worker has made the scene's tuple, for example while this one slept.
+    /// True if another worker has made the scene's tuple, for example while this one slept. If so, ends the task.
     pub(super) fn is_done_elsewhere(&self, task: &ActiveTask<'a>) -> Result<bool, FarmError> {
         if self.shared_queue.is_none() || !is_done(self.store, task.job.line)? {
             return Ok(false);
@@ -192,7 +192,7 @@ impl<'a> Worker<'a> {
         });
     }
 
-    /// Counts a failure that may be this machine's fault. After too many in a row, the worker drains.
+    /// Counts a failure that may be this machine's fault. After too many in a row, a worker of a shared queue drains.
     pub(super) fn went_wrong(&self, line: &SceneLine) {
         let failed = self.stop.went_wrong(&line.id);
         if let Some(scenes) = failed.filter(|_| self.shared_queue.is_some() && self.stop.drain()) {

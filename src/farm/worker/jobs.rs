@@ -72,7 +72,7 @@ pub(super) struct EncodedTuple {
     pub(super) miss_share: f64,
 }
 
-/// A scene with all shards in memory. Any compute thread encodes one of its files at a time.
+/// A scene with all shards in memory. Each of its files is encoded by a separate job, on any compute thread.
 pub(super) struct FinishedScene<'a> {
     pub(super) task: Arc<ActiveTask<'a>>,
     tuple: Tuple,
@@ -92,7 +92,7 @@ impl<'a> FinishedScene<'a> {
         self.names.len() + usize::from(!self.tuple.noise.is_empty())
     }
 
-    /// Encodes a file. Returns all files after the last one.
+    /// Encodes a file. Returns all files once every one is encoded, and `None` before.
     pub(super) fn encode(
         &self,
         file: usize,

@@ -1,5 +1,5 @@
-//! The lease keeper's thread: renews leases while the worker makes progress, donates shards to workers that request
-//! them, and requests shards when the worker has none.
+//! The lease keeper's thread, which renews leases while the worker makes progress, donates shards to workers that
+//! request them, and requests shards when the worker has none.
 
 use super::core::Worker;
 use super::options::SharedQueue;
@@ -20,7 +20,7 @@ pub(super) struct LeaseKeeper<'s, 'a> {
 }
 
 impl LeaseKeeper<'_, '_> {
-    /// Runs until the compute threads have ended.
+    /// Runs until the compute threads and the writer have ended.
     pub(super) fn run(&self) {
         let (worker, queue) = (self.worker, self.shared.queue);
         let every = self.shared.lease / 3;
@@ -59,7 +59,7 @@ impl LeaseKeeper<'_, '_> {
         !self.worker.must_stop() && !self.worker.tasks().offers(costs, None).is_empty()
     }
 
-    /// Publishes shards for an idle worker, and gives them up afterwards. Returns the number of tasks.
+    /// Publishes shards for an idle worker, and gives them up afterwards. Returns the number of published tasks.
     fn donate(&self, load_s: Option<f64>) -> u32 {
         let worker = self.worker;
         if worker.must_stop() {
@@ -81,7 +81,7 @@ impl LeaseKeeper<'_, '_> {
         count
     }
 
-    /// Renews all leases. A worker that hangs requeues its unopened tasks instead.
+    /// Renews all leases. A worker that hangs instead requeues its unopened tasks and calls `on_hung`.
     fn renew(&self) {
         let (worker, queue) = (self.worker, self.shared.queue);
         let hang = worker.options.hang;

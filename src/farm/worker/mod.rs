@@ -1,4 +1,4 @@
-//! A worker of the farm: it leases tasks, consecutive shards of a scene, from a queue until the run is over.
+//! A worker of the farm: it leases tasks (consecutive shards of a scene) from a queue until the run is over.
 //!
 //! ```text
 //!            queue --- lease keeper (renews, donates, requests)
@@ -10,9 +10,9 @@
 //!
 //! The state machine in [`tasks`] alone holds the states of tasks and their transitions. Threads report events to it
 //! and perform its actions ([`core`]). Compute threads rarely wait: the prefetch thread leases tasks and reads files,
-//! the writer stores results, and the lease keeper serves a shared queue. At most one scene per compute thread is in
-//! memory, the next one is read meanwhile, and all threads share the last shards. At most 2 N + 1 encoded results of N
-//! compute threads wait for the store: N in the channel, one per thread and one with the writer.
+//! the writer stores results, and the lease keeper serves a shared queue. About one scene per compute thread is in
+//! memory, the next ones are read meanwhile, and all threads share the last shards. At most 2 N + 1 encoded results of
+//! N compute threads wait for the store: N in the channel, one per thread and one with the writer.
 
 mod compute;
 mod conflict;

@@ -10,25 +10,25 @@ use std::time::{Duration, Instant};
 
 #[derive(Clone)]
 pub struct WorkOptions<'a> {
-    /// Number of compute threads. One more thread reads files and another writes results.
+    /// Number of compute threads. Further threads read files, write results, poll the control state and keep leases.
     pub threads: usize,
     pub isa: Isa,
     /// True once the caller wants the worker to stop after the shards in flight.
     pub stop: &'a AtomicBool,
     pub deadline: Option<Instant>,
-    /// This worker's name in attempts and receipts.
+    /// Names of this worker and its machine in attempts and receipts.
     pub who: WorkerName,
     /// Time without progress after which a task counts as hung.
     pub hang: Duration,
     /// Longest time that partials of a scene stay in memory only, unless other workers share the scene.
     pub checkpoint: Duration,
-    /// Traces tasks that may kill their process in a child process. Without a sandbox, this process traces them.
+    /// Sandbox for tasks that may kill the process that traces them. Without a sandbox, this process traces them.
     pub sandbox: Option<&'a dyn Sandbox>,
     pub faults: &'a [Fault],
 }
 
-/// A partial of 9 MB costs 0.04 s of a core, and a worker that is killed once an hour loses half of this time each
-/// time. The optimum is sqrt(2 * 0.04 s * 3600 s) = 17 s (Young, Communications of the ACM 17, 1974).
+/// Default checkpoint interval. A partial of 9 MB costs 0.04 s of a core, and a worker killed once an hour loses half
+/// an interval each time: the optimum is sqrt(2 * 0.04 s * 3600 s) = 17 s (Young, Communications of the ACM 17, 1974).
 const CHECKPOINT: Duration = Duration::from_secs(20);
 
 impl<'a> WorkOptions<'a> {
@@ -48,20 +48,20 @@ impl<'a> WorkOptions<'a> {
     }
 }
 
-/// A queue from which other workers also lease.
+/// A queue from which other workers also lease, or the queue of a child process.
 pub struct SharedQueue<'a> {
     pub queue: &'a dyn Queue,
-    /// Time after which an unrenewed lease goes to another worker.
+    /// Time after which a task with an unrenewed lease goes to another worker.
     pub lease: Duration,
-    /// Called when a task hangs. It must end the process, because a thread cannot be stopped.
+    /// Callback for a task that hangs. It must end the process, because a thread cannot be stopped.
     pub on_hung: &'a (dyn Fn(&str) + Sync),
-    /// Called before each renewal of the leases, three times per lease.
+    /// Callback before each renewal of the leases, three times per lease duration.
     pub on_sign: &'a (dyn Fn() + Sync),
-    /// True if this process is a worker's sandbox. The worker records attempts, and has checked the golden shard.
+    /// True if this process is a worker's child. The parent records attempts, and has checked the golden shard.
     pub is_child: bool,
 }
 
-/// Traces tasks in a child process, because they may kill it.
+/// Tracer of tasks in child processes, because the tasks may kill the process that traces them.
 pub trait Sandbox: Sync {
     /// Traces shards of a scene and writes their results to the run's store. Calls `on_sign` while the child makes
     /// progress, and ends the child when `must_stop` returns true.
@@ -96,16 +96,16 @@ pub enum SandboxEnd {
 #[derive(Debug)]
 pub struct Outcome {
     pub merged: u64,
-    /// Number of tuples that existed before.
+    /// Number of tuples that existed before; 0 with a shared queue.
     pub already_merged: u64,
     pub traced: u64,
-    /// Number of shards with a partial in the store.
+    /// Number of shards that had a partial in the store when their scene was loaded.
     pub resumed: u64,
     /// Number of loads. Each of several workers that share a scene loads it.
     pub loaded: u64,
     /// Number of tasks donated to other workers, or requeued at the end.
     pub donated: u64,
-    /// Scenes in quarantine with their reasons, including earlier ones.
+    /// Quarantined scenes with the reasons: those of this worker and, without a shared queue, also earlier ones.
     pub quarantined: Vec<(SceneId, String)>,
     pub stopped: Option<Stop>,
     pub seconds: StageSeconds,

@@ -8,11 +8,11 @@ use render::partial::{self, Partial};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// Number of partials fetched in one call.
+/// Largest number of partials fetched in one call.
 const FETCHED_AT_ONCE: usize = 32;
 
 impl<'a> ComputeThread<'_, 'a> {
-    /// Fetches all partials of the scene from the store. Returns their shards.
+    /// Fetches all valid partials of the scene from the store. Returns their shards.
     pub(super) fn fetch_found(&self, task: &ActiveTask<'a>) -> Result<Vec<u32>, FarmError> {
         let (worker, job) = (self.worker, &task.job);
         let mut found = Vec::new();
@@ -31,7 +31,7 @@ impl<'a> ComputeThread<'_, 'a> {
         Ok(found)
     }
 
-    /// Fetches the partials of other workers. Missing and damaged shards are traced again.
+    /// Fetches the partials of other workers, and requeues missing and damaged shards.
     pub(super) fn gather(&self, task: &ActiveTask<'a>) -> Result<(), FarmError> {
         let (worker, job) = (self.worker, &task.job);
         let mut missing: BTreeSet<u32> = (0..job.layout.len()).collect();

@@ -1,5 +1,5 @@
-//! The poison check of a leased task: decides whether the task still needs work and whether an earlier process was lost
-//! with it, and handles files that cannot be read.
+//! Checks a leased task for remaining work and for earlier processes that were lost with it (the poison check), and
+//! handles files that cannot be read.
 
 use super::core::Worker;
 use super::tasks::TaskId;
@@ -21,11 +21,11 @@ pub(super) enum Finding {
     Suspect(AttemptRecord),
 }
 
-/// Pause per earlier failed attempt before a machine reads the same files again.
+/// Pause before a machine reads a scene's files again, for each of its earlier failures to read them.
 const READ_AGAIN: Duration = Duration::from_secs(1);
 
 impl Worker<'_> {
-    /// Checks a leased task, and records the attempt unless nothing is left to do.
+    /// Checks a leased task, and records the attempt, except in a child process or if nothing is left to do.
     pub(super) fn examine(
         &self,
         line: &SceneLine,
@@ -82,7 +82,7 @@ impl Worker<'_> {
         Ok(shards.filter(|shard| own.contains(shard)).count() as u32)
     }
 
-    /// Requeues a task if this machine cannot read its files. After too many such attempts, sets the scene aside.
+    /// Requeues a task with files that this machine cannot read, or sets its scene aside after too many such attempts.
     pub(super) fn could_not_read(
         &self,
         line: &SceneLine,

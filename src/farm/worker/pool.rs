@@ -53,7 +53,7 @@ impl<'a> ComputeThread<'_, 'a> {
             match self.pool.files.try_recv() {
                 Ok(loaded) => self.open(loaded),
                 Err(error) => {
-                    // A thread stays while a task is open, because another thread may still share its bands.
+                    // A thread stays while a task is open, because bands or jobs of the task may still follow.
                     if error == TryRecvError::Disconnected && worker.tasks().is_empty() {
                         return;
                     }

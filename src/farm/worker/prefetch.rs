@@ -17,13 +17,13 @@ use std::time::{Duration, Instant};
 
 /// Longest wait of one call for a task, after which the thread checks for a stop.
 const WAIT: Duration = Duration::from_millis(500);
-/// Pause between two checks whether another task is needed.
+/// Pause before the thread checks again whether another task is needed.
 const PAUSE: Duration = Duration::from_millis(5);
-/// Pause between two calls that do not wait, and between two checks whether a pause of the run is over.
+/// Pause between two calls that do not wait, and between two checks of a paused run; also the shortest wait for a task.
 const AGAIN: Duration = Duration::from_millis(50);
-/// Time between two checks whether the run is over, when the worker has nothing to do.
+/// Shortest time between two checks for the end of the run, while the queue delivers no task.
 const CHECK_OVER: Duration = Duration::from_secs(1);
-/// Time between two reports that the queue cannot be reached.
+/// Shortest time between two reports that the queue cannot be reached.
 const COMPLAIN: Duration = Duration::from_secs(30);
 
 /// State that the prefetch thread and the lease keeper share.
@@ -145,7 +145,7 @@ impl<'a> Prefetcher<'_, 'a> {
         }
     }
 
-    /// True if the coordinator has finished the run, false if the store cannot be reached.
+    /// True if the store can be reached and contains the coordinator's mark of a finished run.
     fn is_run_over(&self) -> bool {
         let store = self.worker.store.with_patience(Duration::ZERO);
         matches!(store.get(keys::FINISHED), Ok(Some(_)))
@@ -179,7 +179,7 @@ impl<'a> Prefetcher<'_, 'a> {
         }
     }
 
-    /// Returns `None` if this process has nothing to trace.
+    /// Examines a task and reads its files. Returns `None` if the compute threads have nothing to trace.
     fn examine_and_read(
         &self,
         lease: &Lease,
@@ -224,7 +224,7 @@ impl<'a> Prefetcher<'_, 'a> {
         }
     }
 
-    /// True if another machine may be able to read the file.
+    /// True if the error may be this machine's fault, so that another machine may be able to read the file.
     fn may_be_mine(&self, error: &LoadError) -> bool {
         let shared_queue = self.worker.shared_queue;
         shared_queue.is_some_and(|shared| !shared.is_child)
@@ -245,7 +245,7 @@ impl<'a> Prefetcher<'_, 'a> {
     }
 }
 
-/// Separates an error of the store from one of a file.
+/// Returns the error of a file as `Ok`, and that of a store as `Err`.
 fn without_store(error: LoadError) -> Result<LoadError, StoreError> {
     match error {
         LoadError::Read { path, source } => match source.downcast::<StoreError>() {

@@ -54,7 +54,7 @@ impl Worker<'_> {
         }
     }
 
-    /// Handles a child that was lost with a task. Other workers try again, unless too many processes were lost.
+    /// Handles a child that was lost with a task: requeues the task, or sets its scene aside after too many losses.
     fn lost(
         &self,
         line: &SceneLine,

@@ -48,7 +48,7 @@ impl Tally {
         }
     }
 
-    /// Returns the mean costs of a shard and of a load so far, or a guess.
+    /// Returns the mean costs of a shard and of a load so far; a guess replaces each unknown one.
     pub(super) fn costs(&self, threads: usize) -> Costs {
         let seconds = self.seconds.all();
         let of = |stage: &str| {

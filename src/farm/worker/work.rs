@@ -132,7 +132,7 @@ fn work_on<'a>(
     let cancelled = worker.stop.is_cancelled();
     // A cancelled run publishes no tasks.
     let actions = if cancelled { worker.tasks().cancel() } else { worker.tasks().requeue_all() };
-    // The store may just have failed, so its calls are not repeated. If they fail, the leases expire.
+    // The store may just have failed, so its calls are not repeated. If the queue fails, the leases expire.
     let hurried = store.with_patience(Duration::ZERO);
     let requeued = worker.perform_in(if cancelled { store } else { &hurried }, actions);
     if shared_queue.is_some() {

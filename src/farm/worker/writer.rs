@@ -46,7 +46,7 @@ impl<'a> Writer<'_, 'a> {
     fn tuple(&self, task: &ActiveTask<'a>, encoded: EncodedTuple) -> Result<(), FarmError> {
         let (worker, scene) = (self.worker, &task.job.line.id);
         let start = Stopwatch::start();
-        // The receipt precedes the tuple: once the tuple exists, others may remove the notes behind the receipt.
+        // The receipt is made first: once the tuple exists, others may remove the partials' records that it needs.
         let receipt = self.receipt(task);
         if let Some(noise) = encoded.noise {
             write_noise(worker.store, task.job.line, &noise);
@@ -55,7 +55,7 @@ impl<'a> Writer<'_, 'a> {
             return Ok(());
         }
         if let Some(receipt) = receipt {
-            // Nothing depends on the receipt.
+            // Without the receipt, the coordinator finds the tuple in its next full round.
             let _ = receipt.put(worker.store, scene);
         }
         worker.tally.seconds.add(Stage::Write, start.spent());

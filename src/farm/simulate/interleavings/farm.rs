@@ -1,4 +1,4 @@
-//! The farm around the workers (queue, store, network and coordinator), and the choice of the next step.
+//! The farm around the workers (queue, store, network, coordinator), the steps, and the checks of `mod.rs`'s promises.
 
 use super::super::case::mix;
 use super::super::queue::{Delivered, Queue, Sequence};
@@ -22,12 +22,12 @@ pub(super) enum Packet {
     Acknowledge(Sequence),
 }
 
-/// Digests of the objects in the store, and the records of attempts.
+/// The results in the store as digests, the records of attempts, and the history of puts.
 #[derive(Default)]
 pub(super) struct Store {
     pub(super) partials: BTreeMap<(u32, u32), u64>,
     pub(super) tuples: BTreeMap<u32, u64>,
-    /// Worker that must remove the record, if any worker must.
+    /// Records of attempts, each with the worker that must remove it, if any worker must.
     pub(super) attempts: BTreeMap<[u32; 4], Option<u32>>,
     /// Partials that were put at any time.
     put: BTreeSet<(u32, u32)>,

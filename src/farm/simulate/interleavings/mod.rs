@@ -24,7 +24,7 @@ use farm::Farm;
 enum Mistake {
     /// A donor gives up shards before the queue has confirmed the message.
     LeavesBeforeConfirmed,
-    /// A lease is finished before the actions that precede it.
+    /// A lease is finished before the actions that must precede its end.
     FinishesFirst,
     /// Requeued messages are not published.
     NeverPublishes,
@@ -53,7 +53,7 @@ const MISTAKES: [Mistake; 8] = [
     Mistake::KeepsRecords,
 ];
 
-/// Runs the interleaving of a seed. With `log`, an error starts with all of its steps.
+/// Runs the interleaving of a seed. With `log`, an error message starts with all steps.
 fn run(seed: u64, mistake: Option<Mistake>, log: bool) -> Result<(), String> {
     let mut farm = Farm::new(seed, mistake, log);
     let steps = farm.draw(240);
@@ -102,7 +102,7 @@ fn a_seed_determines_all_steps() {
     }
 }
 
-/// The actions exclude `Quarantine`, because no scene of the small farm fails.
+/// The checked actions exclude `Quarantine`, because no scene of the small farm fails.
 #[test]
 fn interleavings_reach_every_action() {
     let mut logs = String::new();

@@ -95,7 +95,7 @@ impl Worker {
 }
 
 impl Farm {
-    /// Does a random job of a worker.
+    /// Does a random job of a worker, or replaces a leaving worker without jobs.
     pub(super) fn work(&mut self, w: usize) -> Result<(), String> {
         let jobs = &self.workers[w].jobs;
         let ready: Vec<usize> = (0..jobs.len()).filter(|&k| !jobs[k].waits()).collect();
@@ -223,7 +223,7 @@ impl Farm {
         }
     }
 
-    /// Traces the whole task in a child process, loses the child, or stops it.
+    /// Traces the task's whole scene in a child process, loses the child, or stops it.
     fn sandbox(&mut self, w: usize, task: TaskId, scene: u32) -> Result<(), String> {
         let fate = self.draw(3);
         if !self.workers[w].tasks.sandbox(task, self.now) {
@@ -307,7 +307,7 @@ impl Farm {
         }
     }
 
-    /// Donates shards to an idle worker.
+    /// Offers shards to an idle worker, and gives them up after the confirmation.
     pub(super) fn donate(&mut self, w: usize) {
         if self.workers[w].stops {
             return;
@@ -333,7 +333,7 @@ impl Farm {
         worker.act(actions);
     }
 
-    /// Ends a worker's threads and requeues its tasks; if it `hangs`, only those without a loaded scene.
+    /// Ends a worker's threads and requeues its tasks; if it `hangs`, only its queued and pinned tasks.
     pub(super) fn leave(&mut self, w: usize, hangs: bool) {
         self.note(|| format!("worker {w} leaves (hangs: {hangs})"));
         self.disown(w);
@@ -350,7 +350,7 @@ impl Farm {
         self.workers[w] = Worker::new(self.number() as u32);
     }
 
-    /// Lets the worker's attempt records stay, because its jobs may be cut off.
+    /// Exempts a worker from removing its attempt records, because its jobs may be cut off.
     fn disown(&mut self, w: usize) {
         let id = self.workers[w].id;
         for owner in self.store.attempts.values_mut().filter(|owner| **owner == Some(id)) {

@@ -9,7 +9,7 @@ use std::ops::Range;
 pub(crate) struct TaskId(pub(super) u64);
 
 /// An action for the driver, which performs the actions of one event in order and stops at the first failure, so that a
-/// lease is finished only after its shards are in the store or in another message.
+/// lease is finished only after its shards are in the store or in another message, or its scene is in quarantine.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Action {
     /// Put these partials into the store; report each with [`stored`](super::Tasks::stored).
@@ -20,7 +20,7 @@ pub(crate) enum Action {
     CheckScene { task: TaskId },
     /// Fetch the partials of other workers; then report [`gathered`](super::Tasks::gathered).
     Gather { task: TaskId },
-    /// Record which worker made these shards.
+    /// Record this worker as the maker of these shards.
     LeaveNote { task: Task },
     /// Put the scene into quarantine.
     Quarantine { scene: u32, reason: String },
@@ -30,7 +30,7 @@ pub(crate) enum Action {
     ForgetAttempt { task: Task, n: u32 },
     /// Publish messages in place of a lease, and finish the lease once the queue has confirmed them. If the queue
     /// already had one, let the lease expire, so that the task is delivered again: the worker with the earlier message
-    /// may have found the scene incomplete before this worker stored its last shards, and be the last to finish.
+    /// may have found the scene incomplete before this worker stored its last shards, and then finish the last message.
     Replace { lease: u64, messages: Vec<Message> },
     /// Finish the lease, so that the queue removes its message.
     Finish { lease: u64 },

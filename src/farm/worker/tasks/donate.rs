@@ -25,9 +25,9 @@ const WORTH_LOADS: f64 = 2.0;
 /// Remaining time of the open tasks at which the worker leases the next one, in loads.
 const LOADS_AHEAD: f64 = 2.0;
 
-/// Chooses what to publish for an idle worker that takes `slowness` times as long and loads a scene in `load_s`. That
-/// is the later half of the unopened tasks, or otherwise the end of the opened task with the longest rest, such that
-/// both workers finish at the same time. Returns nothing if a second load of the scene costs too much.
+/// Chooses the shards to publish for an idle worker that takes `slowness` times as long and loads a scene in `load_s`:
+/// the later half of the unopened tasks, or otherwise the end of the opened task with the longest remaining time, such
+/// that both workers finish at about the same time. Returns nothing if a second load of the scene costs too much.
 fn choose(candidates: &[Candidate], slowness: f64, load_s: f64) -> Vec<(TaskId, Range<u32>)> {
     let waiting: Vec<&Candidate> = candidates.iter().filter(|c| !c.opened).collect();
     if !waiting.is_empty() {
@@ -42,7 +42,7 @@ fn choose(candidates: &[Candidate], slowness: f64, load_s: f64) -> Vec<(TaskId, 
     share.into_iter().collect()
 }
 
-/// Returns the later half, rounded up; less for a slower worker, and `None` if that takes longer than all of it here.
+/// Returns the later half, rounded up and scaled to the slowness, or `None` if this worker alone would finish earlier.
 fn later_share(from: &Candidate, slowness: f64, load_s: f64) -> Option<Range<u32>> {
     let (shards, count) = (&from.unbegun, from.unbegun.len() as f64);
     let donated = (count / (1.0 + slowness) + 0.5).floor().min(count);
@@ -59,7 +59,7 @@ impl<P> Tasks<P> {
         choose(&self.candidates(costs), costs.slowness(load_s), load_or_own_s)
     }
 
-    /// Returns all tasks with unstarted shards, except pinned tasks and those being loaded.
+    /// Returns all queued tasks, and the tasks being traced that have unstarted shards at their ends.
     fn candidates(&self, costs: Costs) -> Vec<Candidate> {
         let of = |(&task, entry): (&TaskId, &Entry<P>)| {
             let unbegun = match entry.state {
@@ -78,7 +78,7 @@ impl<P> Tasks<P> {
     }
 
     /// True if the worker should lease no more for now: enough tasks wait, or the open ones last long enough. A worker
-    /// that leases too early takes back its own donation.
+    /// that leases too early may take back its own donation.
     pub(crate) fn has_enough(&self, ahead: usize, costs: Costs) -> bool {
         let waiting = self.entries.values().filter(|e| e.state.waits()).count();
         let lasts_s = |entry: &Entry<P>| {
@@ -127,7 +127,7 @@ mod tests {
         let two = [open.clone(), candidate(1, 5..8, true)];
         assert_eq!(chosen(&two, 1.0, LOAD_S), [(0, 11..16)]);
         assert_eq!(chosen(&[candidate(0, 4..5, true)], 1.0, LOAD_S), [(0, 4..5)]);
-        // The rest is not worth a load, or empty.
+        // The remaining shards are not worth a load, or none remain.
         assert_eq!(chosen(&[open], 1.0, 5.0), []);
         assert_eq!(chosen(&[candidate(0, 4..4, true)], 1.0, LOAD_S), []);
         assert_eq!(chosen(&[], 1.0, LOAD_S), []);
@@ -145,7 +145,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn donations_are_whole_unopened_tasks_or_the_unbegun_end_of_one(
+        fn donations_are_whole_unopened_tasks_or_the_unbegun_end_of_an_opened_one(
             drawn in prop::collection::vec((0u32..40, 0u32..20, any::<bool>(), 0.0..10.0), 0..6),
             slowness in prop_oneof![Just(1.0), 0.1..10.0],
             load_s in 0.0..10.0,

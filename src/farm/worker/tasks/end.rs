@@ -58,7 +58,7 @@ impl<P> Tasks<P> {
         actions
     }
 
-    /// Requeues the tasks without a loaded scene, because this worker hangs.
+    /// Requeues the queued and pinned tasks, because this worker hangs.
     pub(crate) fn requeue_waiting(&mut self) -> Vec<Action> {
         let mut actions = self.end_all(TaskEvent::Requeue, |entry| entry.state.waits());
         // The store may hang, so the queue's actions come first.

@@ -199,8 +199,8 @@ impl<P> Tasks<P> {
         }
     }
 
-    /// Handles a shard that is traced and in memory. The shard is written at once if another worker may wait for it,
-    /// otherwise at the checkpoint, unless the tuple is complete by then.
+    /// Handles a shard that is traced and in memory. The shard is written at once if this worker stops or another one
+    /// may wait for the shard, and otherwise at the checkpoint, unless the scene is complete by then.
     pub(crate) fn traced(&mut self, task: TaskId, shard: u32, now: Time) -> Vec<Action> {
         let (stopping, checkpoint) = (self.stopping, self.checkpoint);
         let Some(entry) = self.entries.get_mut(&task) else {
@@ -305,7 +305,7 @@ impl<P> Tasks<P> {
         }
     }
 
-    /// Returns an opened task without progress for `hang`.
+    /// Returns an opened task without progress for more than `hang`, if any.
     pub(crate) fn hung(&self, now: Time, hang: Duration) -> Option<&Task> {
         let hangs = |e: &&Entry<P>| !e.state.waits() && now.saturating_sub(e.progress) > hang;
         self.entries.values().find(hangs).map(|e| &e.message.task)
@@ -349,7 +349,7 @@ impl<P> Tasks<P> {
         Some(entry)
     }
 
-    /// Checks, after a change of shards, whether the scene is complete here or the task's own part in the store.
+    /// Checks, after a change of shards, whether the whole scene is in memory or the task's own part is in the store.
     fn settle(&mut self, task: TaskId) -> Vec<Action> {
         let Some(entry) = self.entries.get(&task) else {
             return Vec::new();

@@ -65,7 +65,7 @@ fn shards_are_written_at_the_checkpoint() {
 }
 
 #[test]
-fn a_part_of_a_scene_is_written_at_once_and_ends_when_it_is_stored() {
+fn a_task_with_a_part_of_a_scene_writes_shards_at_once_and_ends_when_they_are_stored() {
     let (mut tasks, task, _) = opened(2..4, 6, &[]);
     let write = |shard| Action::Store { task, shards: vec![shard] };
     assert_eq!(trace(&mut tasks, task, 2, 1), [write(2)]);
