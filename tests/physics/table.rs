@@ -27,7 +27,7 @@ fn close(name: &str, value: f32, expected: f64, bound: f64) {
     assert!(off.abs() <= bound, "{name}: {value}, not {expected} (off by {off:.1e})");
 }
 
-/// Renders a pixel 0.06 arc seconds wide for flat photographs at `incidence` degrees; returns it and the sum of both tails.
+/// Renders a pixel 0.06 arc seconds wide for flat photographs at `incidence` degrees; returns it and the tails' sum.
 fn glancing(incidence: f64, [front, back]: [f64; 2], tolerance: f64) -> (PixelMeans, f64) {
     let mut case = Case::new(Photo::flat(2.0, [front; 3]), Photo::flat(2.0, [back; 3]));
     case.film = [1, 1];
