@@ -55,7 +55,7 @@ fn cut_and_changed_files_are_explained() {
             let cut = inspect(folder, path, |bytes| {
                 bytes.truncate(bytes.len() * (part - 1) / part);
             });
-            // The start of a TOML file, a Markdown table or a list may be valid. `inspect` does not check TensorBoard's files.
+            // The start of a TOML file, table or list may be valid. `inspect` does not check TensorBoard's files.
             let is_text = ["recipe", "depth_ranges", "evaluation_table", "listing", "events"]
                 .contains(&known.kind);
             // The start of a manifest may be valid, too, if no spec has its digest.

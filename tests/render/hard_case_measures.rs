@@ -37,7 +37,7 @@ pub(crate) fn farthest(
                 continue;
             };
             let found = Measured::new(expected, f64::from(*value));
-            // NaN counts as the largest error, because no number compares with it.
+            // NaN counts as the largest error, because every comparison with NaN is false.
             if found.error.is_nan() {
                 return found;
             }

@@ -64,7 +64,7 @@ const LENS: &[Check] = &[
     // With aperture 0 and without glass, T and I are the photograph at any focus.
     ("pinhole", I, SameAs("pinhole", T), 0.0),
     ("pinhole-focus", T, SameAs("pinhole", T), 0.0),
-    // A lens keeps the mean of a ramp at any focus.
+    // A lens does not change the mean of a ramp at any focus.
     ("ramp-near", T, Ramp([0.5, 0.2, 0.1]), 4e-5),
     ("ramp-near", R, Ramp([0.5, -0.15, 0.3]), 4e-5),
     // The same ramps, focused at infinity, from EXR files.
@@ -118,7 +118,7 @@ const REFUSED: [(&str, &str); 6] = [
     ("angle-89-9", "85"),
     // The tilted pane is so near that it intersects the lens.
     ("pane-cuts-lens", "lens"),
-    // More than 1 % of the surfaces are in front of the pane.
+    // More than 1 % of the depth pixels are nearer than the pane.
     ("too-near", "nearer than the pane"),
     ("no-depth-nan", "check depth_unit_m"),
     ("no-depth-negative", "check depth_unit_m"),
