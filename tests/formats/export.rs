@@ -130,7 +130,7 @@ fn equal_runs_export_equal_bytes_with_correct_sums() {
             .output()
             .unwrap();
         assert!(checked.status.success(), "{checked:?}");
-        // No file contains the folder of the export.
+        // No file contains the path of the folder.
         for (path, bytes) in content(&outs[0]) {
             let place = text(folder.path()).as_bytes();
             let told = bytes.windows(place.len()).any(|part| part == place);

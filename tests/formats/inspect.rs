@@ -52,7 +52,7 @@ fn files_are_recognised_by_their_content() {
     let files = files();
     let folder = files.folder.path();
     for known in files.plain() {
-        // `inspect` recognises these kinds only by their names.
+        // `inspect` recognises most of these kinds only by their names.
         if ["lock", "best", "train_recipe", "finished"].contains(&known.kind) {
             continue;
         }
@@ -61,7 +61,7 @@ fn files_are_recognised_by_their_content() {
         let ended = run_in(folder, &["inspect", "elsewhere/file.dat", "--json"]);
         let kind = one(&ended)["kind"].clone();
         let path = known.path.display();
-        // Only the name distinguishes a list of one line from a scene, and digests need the files beside them.
+        // For these kinds, `inspect` may need the name (a list of one line) or the files beside the file (digests).
         if known.kind == "sums"
             || known.kind == "manifest"
             || known.kind == "checkpoint_state"

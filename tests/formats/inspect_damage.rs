@@ -1,5 +1,5 @@
-//! Checks that `inspect` on a damaged file names the damage, its location and a remedy. It never reports the file as
-//! whole and never panics.
+//! Checks that `inspect` on a damaged file names the damage, its location and a remedy. `inspect` never reports the
+//! file as whole and never panics.
 
 use crate::every_file::files;
 use crate::inspect::one;
@@ -55,10 +55,10 @@ fn cut_and_changed_files_are_explained() {
             let cut = inspect(folder, path, |bytes| {
                 bytes.truncate(bytes.len() * (part - 1) / part);
             });
-            // Half of a TOML file, a Markdown table or a list may be valid. TensorBoard checks its own files.
+            // The start of a TOML file, table or list may be valid. `inspect` does not check TensorBoard's files.
             let is_text = ["recipe", "depth_ranges", "evaluation_table", "listing", "events"]
                 .contains(&known.kind);
-            // Half of a manifest may be valid, too, if no spec has its digest.
+            // The start of a manifest may be valid, too, if no spec has its digest.
             let is_free = is_text || (known.kind == "manifest" && known.whole.is_none());
             if !is_free || cut.0 == Some(4) {
                 explained(path, &cut);
@@ -78,7 +78,7 @@ fn cut_and_changed_files_are_explained() {
         } else {
             assert_ne!(changed.1["whole"], true, "{}: {:#}", path.display(), changed.1);
         }
-        // Replaces the first bytes by those of another format.
+        // Overwrites the first bytes with bytes that no known format has.
         let foreign = inspect(folder, path, |bytes| {
             let length = bytes.len().min(300);
             bytes[..length].fill(0xfe);

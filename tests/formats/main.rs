@@ -1,4 +1,4 @@
-//! Reads back, inspects, exports, reports and damages every kind of file.
+//! Tests readers, `inspect`, `export` and `report`, with valid and with damaged files.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

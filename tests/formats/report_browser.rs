@@ -1,11 +1,11 @@
-//! Opens the report in a browser, if one is installed: it fits a phone, and both colour schemes are readable.
+//! Opens the report in a browser, if one is installed: the page fits a phone, and both colour schemes are readable.
 
 use crate::support::browser::browse;
 use crate::support::program::{run, text};
 use crate::support::scenes::place;
 use serde_json::Value;
 
-/// Measures the report in frames of several widths and writes the results into an element.
+/// A page that measures the report in frames of two widths and writes the results into an element.
 const MEASURE: &str = r#"<!doctype html><html lang="en"><head><meta charset="utf-8">
 <meta name="color-scheme" content="light dark"><title>measure</title></head><body>
 <iframe src="index.html" width="420" height="900"></iframe>

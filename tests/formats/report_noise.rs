@@ -1,4 +1,4 @@
-//! Noise maps add up to the stated errors, and no other file depends on them.
+//! Noise maps add up to the stated errors, and only the report depends on them.
 
 use crate::report::{LAYERS, finished, report};
 use crate::support::markup::{all, strictly};
@@ -30,7 +30,7 @@ fn noise_maps_add_up_to_the_stated_errors() {
         }
     }
 
-    // The report leaves out missing and damaged maps, and no other file of the run depends on them.
+    // The report leaves out missing and damaged maps, and a run without maps and logs is still complete.
     let first = folder.join("noise").join(&maps[0]);
     std::fs::write(&first, b"no picture").unwrap();
     std::fs::remove_file(folder.join("noise").join(&maps[1])).unwrap();
@@ -60,7 +60,7 @@ fn a_repeated_scene_has_the_same_map() {
     run(&["work", text(folder), "-j", "1"]).expect(0);
     assert_eq!(std::fs::read(&map).unwrap(), before);
     assert_eq!(files(&folder.join("logs")).len(), 2);
-    // One scene was traced twice, so that the sum of the logs is not its cost.
+    // One scene was traced twice, so the sum of the logs is not its cost, and the plot leaves it out.
     let (page, _) = report(folder, 0, &[]);
     assert_eq!(all(&strictly(&page), "#errors circle").len(), 4 * (SCENES - 1));
     run(&["audit", text(folder), "--share", "1", "-q"]).expect(0);

@@ -77,7 +77,7 @@ pub(crate) enum Apex {
     Camera,
 }
 
-/// A scene; the default is the paper's camera and glass on a small film.
+/// A scene; [`Case::new`] chooses the paper's camera and glass, and a small film.
 #[derive(Clone, Debug)]
 pub(crate) struct Case {
     pub(crate) seed: u64,
@@ -124,14 +124,14 @@ impl Case {
         FilmPlane::tan_half_fov(self.film[0], self.film[1], self.focal_length_mm)
     }
 
-    /// Returns the normal of the pane, and the distance of its front face, m.
+    /// Returns the pane's normal and the distance from the lens centre to the plane of its front face, m.
     pub(crate) fn pane(&self) -> (DVec3, f64) {
         let [pitch, yaw] = self.tilt_deg.map(f64::to_radians);
         let normal = DMat3::from_rotation_y(yaw) * (DMat3::from_rotation_x(pitch) * DVec3::Z);
         (normal, self.distance_m * normal.z)
     }
 
-    /// Returns the smallest cosine of incidence over film, filter and lens.
+    /// Returns a lower bound of the cosines of incidence over film, filter and lens.
     pub(crate) fn steepest_cos(&self) -> f64 {
         let (normal, _) = self.pane();
         let beyond_px = if self.gaussian { 2.0 } else { 0.0 };
@@ -147,7 +147,7 @@ impl Case {
             .fold(1.0, f64::min)
     }
 
-    /// Returns cosines of incidence over film and lens.
+    /// Returns cosines of incidence on a grid that covers film and lens.
     fn cosines(&self) -> Vec<f64> {
         let (normal, _) = self.pane();
         let [tx, ty] = self.tan_half_fov();
@@ -174,8 +174,8 @@ impl Case {
             absorption_per_m: self.absorption_per_m,
         };
         let front = self.front.view(Pose::Aligned { extra_m: 0.0 }, false);
-        // Mirrored coordinates are X' = M X + 2 D n; those of apex `camera` are diag(-1, 1, -1) (M X' + 2 D n), where
-        // the view's negative focal length takes the sign of x.
+        // Mirrored coordinates are X' = M X + 2 D n; the capture coordinates of apex `camera` are
+        // diag(-1, 1, -1) (M X' + 2 D n). The view's negative focal length changes the sign of x.
         let pose = match self.apex {
             Apex::Mirror => Pose::Aligned { extra_m: 0.0 },
             Apex::Camera if normal == DVec3::Z => Pose::Aligned { extra_m: 2.0 * distance_m },
@@ -231,7 +231,7 @@ pub(crate) fn whole_film(scene: &Scene, isa: Isa) -> TileResult {
     trace_tile(scene, tile, 0..scene.spp, isa)
 }
 
-/// Returns a random number in [0, 1), determined by three integers, for rough surfaces.
+/// Returns a pseudo-random number in [0, 1) that depends only on three integers.
 pub(crate) fn noise(i: usize, j: usize, k: u64) -> f64 {
     let mut x = (i as u64) << 40 ^ (j as u64) << 16 ^ k.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     for _ in 0..2 {

@@ -1,8 +1,8 @@
-//! R of a checkerboard at the Nyquist frequency, through boxes of m texels, has a closed form.
+//! R of a checkerboard with fields of one texel, averaged over boxes of m texels, has a closed form.
 
 use crate::case::{CLEAN, Case, Photo};
 
-/// Integrates the triangle wave (period 2, 1 at even and -1 at odd integers) from 0; the result is odd, with period 2.
+/// Integrates the triangle wave (period 2, 1 at even and -1 at odd integers) from 0 to `x`; the result has period 2.
 fn integral(x: f64) -> f64 {
     let r = x.abs() % 2.0;
     let value = if r <= 1.0 { r - r * r } else { (r - 1.0) * (r - 2.0) };
@@ -40,7 +40,7 @@ fn clean_reflection_is_the_box_filtered_photograph() {
         for y in 0..pixels {
             for x in 0..pixels {
                 let (cu, cv) = (center(pixels - 1 - x), center(y));
-                // Within half a texel of the border the photograph is constant.
+                // Within half a texel of the border, the photograph is constant.
                 let inside = |c: f64| c - m / 2.0 >= 0.0 && c + m / 2.0 <= texels as f64 - 1.0;
                 if inside(cu) && inside(cv) {
                     let expected = 0.5 + 0.5 * mean(cu, m) * mean(cv, m);

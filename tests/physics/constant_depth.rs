@@ -1,7 +1,7 @@
 //! For planes parallel to the film with a linear ramp of radiance, every layer has a closed form.
 //!
-//! A line shifted by kappa along the normal n meets the plane z = Z at X = p (Z - kappa n_z) + kappa (n_x, n_y),
-//! and the mean over the lens equals the value at its centre for every aperture and focus.
+//! A line with direction (p, 1) from the lens centre, shifted by kappa n for the normal n, meets the plane z = Z at
+//! X = p (Z - kappa n_z) + kappa (n_x, n_y). The mean over the lens is close to the value at its centre.
 
 use crate::case::{Apex, CLEAN, Case, GLASS, I, Photo, T};
 use glam::{DVec2, DVec3};
@@ -28,7 +28,7 @@ fn ramp(depth_m: f64) -> Photo {
     )
 }
 
-/// Returns the point where an order's line through the lens centre meets the plane z = `depth_m`.
+/// Returns (x, y) of the point where an order's line through the lens centre meets the plane z = `depth_m`.
 fn landing(case: &Case, p: DVec2, kappa: f64, depth_m: f64) -> DVec2 {
     let (n, _) = case.pane();
     p * (depth_m - kappa * n.z) + kappa * n.truncate()
@@ -128,12 +128,12 @@ fn ramps_behind_tilted_panes_match_the_formulas() {
     }
 }
 
-/// From the position of the lens, an untilted pane shows the back plane at the mirrored distance.
+/// With an untilted pane, a plane captured from the lens looks like one captured from the lens's mirror image.
 #[test]
 fn ramps_from_apex_camera_match_those_from_apex_mirror() {
     let mut mirror = case();
     mirror.aperture_m = 0.0;
-    // The lens is 2 D nearer to the back plane than its mirror image.
+    // The lens is nearer to the back plane than the lens's mirror image, by twice the distance of the pane.
     let mut camera = mirror.clone();
     camera.apex = Apex::Camera;
     camera.back = ramp(DEPTH_M - 0.6);
@@ -180,7 +180,7 @@ fn thin_glass_splits_light_and_bends_nothing() {
         }
     }
     println!("thickness 0, near normal incidence: {worst:.1e}");
-    // The dropped orders t_2.. and r_3.. amount to 1e-5.
+    // The dropped orders t_2, t_3, ... and r_3, r_4, ... add up to at most 1e-5.
     assert!(worst < 4e-5);
     check("thickness 0", &case);
 }

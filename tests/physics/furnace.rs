@@ -1,4 +1,4 @@
-//! Furnace tests: with white photographs on both sides, pixels depend only on the weights of the glass.
+//! Furnace tests (pixels of white photographs depend only on the weights of the glass), and a test of `I - R~`.
 
 use crate::case::{CLEAN, Case, GLASS, I, Photo, T, noise};
 use glam::DVec3;

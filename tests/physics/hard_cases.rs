@@ -1,16 +1,16 @@
-//! Renders extreme depths, lights, tilts and sizes: pixels are finite and not negative, and rendering ends.
+//! Renders extreme depths, lights, tilts and sizes: pixels stay within limits, and rendering ends in time.
 
 use crate::case::{Apex, CLEAN, Case, Photo, T, noise, whole_film};
 use render::trace::Isa;
 use std::sync::mpsc;
 use std::time::Duration;
 
-/// Renders a case; asserts that this takes at most ten seconds and that every value is in [0, `limit`].
+/// Renders a case; asserts that rendering takes at most ten seconds and that every value is in [0, `limit`].
 fn survives(name: &str, case: &Case, limit: f32) -> Vec<render::trace::PixelMeans> {
     let (sender, receiver) = mpsc::channel();
     let moved = case.clone();
     std::thread::spawn(move || {
-        // The receiver is gone after a timeout.
+        // Sending fails if the receiver has timed out.
         let _ = sender.send(whole_film(&moved.scene(), Isa::detect()));
     });
     let result = receiver
@@ -63,7 +63,7 @@ fn depths_from_1_mm_to_100_km_render() {
 }
 
 #[test]
-fn photographs_of_one_pixel_or_one_row_render() {
+fn photographs_of_one_pixel_row_or_column_render() {
     for size in [[1, 1], [1, 7], [7, 1]] {
         for apex in [Apex::Mirror, Apex::Camera] {
             let photo = Photo::new(
@@ -85,7 +85,7 @@ fn photographs_of_one_pixel_or_one_row_render() {
 }
 
 #[test]
-fn films_of_one_pixel_or_one_row_render() {
+fn films_of_one_pixel_row_or_column_render() {
     for film in [[1, 1], [1, 9], [9, 1]] {
         let mut case = ordinary();
         case.film = film;

@@ -1,4 +1,4 @@
-//! Bits depend only on scene and samples, and not on instruction set, tiles or the division into ranges.
+//! Bits depend only on scene and samples, not on instruction set, tiles or other layers; ranges of samples merge.
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::mesh::rooms;
@@ -31,7 +31,7 @@ pub(crate) fn bits(pixels: &[PixelMeans]) -> Vec<u32> {
     pixels.iter().flat_map(PixelMeans::values).map(f32::to_bits).collect()
 }
 
-/// Traces the film in tiles of `side` px, and assembles it.
+/// Returns the film traced in square tiles of `side` px.
 pub(crate) fn tiled(scene: &Scene, side: u32, isa: Isa) -> Vec<PixelMeans> {
     let (w, h) = (scene.film.width, scene.film.height);
     let mut film = vec![PixelMeans::default(); (w * h) as usize];
@@ -65,13 +65,13 @@ fn instruction_sets_and_tiles_give_the_same_bits() {
     }
 }
 
-/// The film is not a whole number of cells, and tiles have one or more cells.
+/// The sides of the film are not multiples of a cell's side; tiles consist of one or more cells.
 #[test]
 fn adaptive_pixels_depend_on_neither_tiles_nor_instruction_sets() {
     for mut case in cases() {
         (case.film, case.spp) = ([43, 21], 256);
         for mut scene in [case.scene(), rooms(&case)] {
-            // Finds a target at which some cells stop early and others do not.
+            // Lowers the target until some cells take more than the 16 samples of the first round.
             let mut target = 0.08;
             let result = loop {
                 scene.target_error = Some(target);
@@ -120,7 +120,7 @@ fn layers_are_the_same_without_the_others() {
 }
 
 #[test]
-fn every_power_of_two_of_samples_renders() {
+fn powers_of_two_of_samples_render() {
     for mut case in cases() {
         case.film = [6, 5];
         for spp in [1, 2, 4, 8, 16, 64, 256, 1024] {
@@ -142,7 +142,7 @@ fn every_power_of_two_of_samples_renders() {
     }
 }
 
-/// Four ranges of 256, weighted by their counts, equal the range of 1,024; the first two equal its first half.
+/// The weighted mean of four ranges of 256 equals that of 1,024; except in R, the first two equal its first half.
 #[test]
 fn ranges_of_256_merge() {
     for mut case in cases() {

@@ -1,7 +1,7 @@
-//! Compares the physics of the four layers with independent f64 code: vectors, explicit planes, brute force.
+//! Compares the physics of the four layers with independent f64 code, closed forms, published values and golden images.
 //!
-//! No test checks the closed forms of `src/render/trace` against themselves: expected values come from a ray followed
-//! face by face ([`optics`]), from a renderer that tries every triangle ([`reference`]), or from a separate formula.
+//! The closed forms of the glass in `src/render/trace` are compared with a ray followed face by face ([`optics`]).
+//! Expected pixels come from formulas or from a brute-force renderer ([`reference`]). Other tests check invariances.
 
 #![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 #![allow(clippy::items_after_statements, reason = "constants of a test are next to their use")]

@@ -1,4 +1,4 @@
-//! Compares triangle meshes with closed forms, and with the depth images that they are made of.
+//! Compares triangle meshes with closed forms, and with the depth images from which they are made.
 
 use crate::case::{Apex, CLEAN, Case, GLASS, I, Photo, T, noise, whole_film};
 use glam::{DMat3, DVec3};
@@ -8,13 +8,13 @@ use std::f64::consts::PI;
 /// Names of the layers, for messages.
 const NAMES: [&str; 4] = ["I", "T", "R~", "R"];
 
-/// Makes a sphere of longitudes and latitudes.
+/// Makes a sphere with `steps` bands of latitude and twice as many of longitude.
 fn sphere(center: DVec3, radius_m: f64, steps: usize) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let vertices = (0..=steps)
         .flat_map(|j| (0..2 * steps).map(move |i| (i, j)))
         .map(|(i, j)| {
             let (sin, cos) = (PI * j as f64 / steps as f64).sin_cos();
-            // sin(pi) is not exactly 0, so that a ray along the axis would pass through a hole.
+            // In f64, sin(pi) is not exactly 0, which would leave a hole around the pole.
             let sin = if j == steps { 0.0 } else { sin };
             let (y, x) = (PI * i as f64 / steps as f64).sin_cos();
             center + radius_m * DVec3::new(sin * x, sin * y, cos)
@@ -89,7 +89,7 @@ fn white_rooms_stay_white() {
     }
 }
 
-/// A sphere seen through a pinhole covers an ellipse of known area, and its nearest point has a known depth.
+/// A sphere seen through a pinhole covers an ellipse of known area, and a sphere on the axis has a known depth there.
 #[test]
 fn a_sphere_has_the_expected_size_and_depth() {
     let mut case = case_without_photographs();
@@ -147,7 +147,7 @@ fn wavy(key: f64) -> Photo {
     )
 }
 
-/// Converts the photograph's sheet to a mesh with quads split along (i + 1, j)-(i, j + 1) and texels at the corners.
+/// Converts the photograph's sheet to a mesh: quads split along (i + 1, j)-(i, j + 1), texels as vertex colours.
 fn mesh_of(photo: &Photo, place: impl Fn(DVec3) -> DVec3) -> Mesh {
     let [nx, ny] = photo.size;
     let vertices: Vec<DVec3> = photo
@@ -170,8 +170,8 @@ fn mesh_of(photo: &Photo, place: impl Fn(DVec3) -> DVec3) -> Mesh {
     Mesh::new(&vertices, photo.texels.clone(), &triangles, 0.02)
 }
 
-/// Compares the pixels of the grid kernel and of a mesh. Both have the same camera samples, so that only the colours
-/// differ: the grid interpolates them in the picture, the mesh in space.
+/// Compares the pixels of the grid kernel with those of a mesh. Both have the same camera samples; only their
+/// colours differ: the grid interpolates colours in the picture, and the mesh interpolates them in space.
 #[test]
 fn a_photograph_and_its_mesh_give_the_same_pixels() {
     let mut case = Case::new(wavy(0.3), wavy(1.7));
@@ -185,7 +185,7 @@ fn a_photograph_and_its_mesh_give_the_same_pixels() {
         (case.tilt_deg, case.apex) = (tilt_deg, apex);
         case.absorption_per_m = [0.0, 2.0, 8.0];
         let (normal, distance_m) = case.pane();
-        // Transforms a point to the world mirrored in the front face.
+        // Transforms a point from the back camera's coordinates to the world mirrored in the front face.
         let into_mirror = |x: DVec3| match apex {
             Apex::Mirror => DVec3::new(-x.x, x.y, x.z),
             Apex::Camera => {

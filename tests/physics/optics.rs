@@ -3,7 +3,7 @@
 use glam::DVec3;
 use render::trace::Order;
 
-/// A pane of two planes.
+/// A pane with two parallel faces.
 #[derive(Clone, Copy)]
 pub(crate) struct Pane {
     pub(crate) normal: DVec3,
@@ -28,7 +28,7 @@ impl Exit {
     }
 }
 
-/// Returns refracted direction and reflectances (s, p) of a face, from `n1` into `n2`; `normal` is on the far side.
+/// Returns refracted direction and reflectances (s, p) at a face from `n1` to `n2`; `normal` points to `n2`.
 fn face(d: DVec3, normal: DVec3, n1: f64, n2: f64) -> (DVec3, [f64; 2]) {
     let cos_i = d.dot(normal);
     // |d x n| is accurate at small angles, where 1 - cos^2 loses digits.

@@ -4,7 +4,7 @@ use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::reference::Reference;
 use render::trace::Isa;
 
-/// Shape of a surface.
+/// Shape of the depth image.
 #[derive(Clone, Copy)]
 enum Relief {
     Steps,
@@ -21,12 +21,12 @@ fn rough(size: [usize; 2], texture: [usize; 2], relief: Relief, key: u64) -> Pho
             Relief::Smooth => 2.0 + 0.6 * (0.7 * x).sin() + 0.5 * (0.5 * y + 0.3 * x).cos(),
         }
     };
-    // The photograph is narrower than the film, so that rays also hit the continuation of its border.
+    // The photograph's field of view is narrower than the film's, so rays also hit the continuation of the border.
     let colour = |i: usize, j: usize| [0, 1, 2].map(|c| noise(i, j, key + 17 + c));
     Photo::new(size, texture, [0.24, 0.22], depth, colour)
 }
 
-/// Returns the largest difference of each pixel, and all differences, for each `step`-th pixel of each `step`-th row.
+/// Returns, for every `step`-th pixel of every `step`-th row, the largest differences and all differences, both sorted.
 fn differences(case: &Case, step: u32) -> (Vec<f64>, Vec<f64>) {
     let scene = case.scene();
     let rendered = whole_film(&scene, Isa::detect()).pixels;
@@ -53,7 +53,7 @@ fn differences(case: &Case, step: u32) -> (Vec<f64>, Vec<f64>) {
     (largest, all)
 }
 
-/// Renders a case, and compares every third pixel of every third row.
+/// Renders a case, and compares every third pixel of every third row with [`Reference`].
 pub(crate) fn compare(name: &str, case: &Case) {
     let (largest, all) = differences(case, 3);
     let mean = all.iter().sum::<f64>() / all.len() as f64;
@@ -67,7 +67,7 @@ pub(crate) fn compare(name: &str, case: &Case) {
     assert!(mean <= 1e-6, "{name}: mean difference {mean}");
     assert!(close * 10 >= largest.len() * 9, "{name}: {largest:?}");
     // Rounding to f32 may move a ray across a depth edge, which changes a sample by at most the largest radiance, 1.
-    // The limit allows two such changes in a pixel, for the order with the fewest samples.
+    // The limit allows two such changes in a pixel, for an order that takes half of the samples.
     let flip = 1.0 / f64::from(case.spp / 2);
     assert!(worst <= 2.0 * flip, "{name}: worst {worst}");
 }
@@ -148,7 +148,7 @@ fn weak_orders_match_over_several_blocks() {
     compare("smooth and steps, 512 samples", &case);
 }
 
-/// Checks quantiles of the differences between f32 and f64 pixels in rough, smooth, tilted and Gaussian films.
+/// Checks quantiles of the differences between f32 and f64 pixels of rough, smooth, tilted and Gaussian cases.
 #[test]
 fn quantiles_of_pixel_errors_are_small() {
     let mut all = vec![];
@@ -171,6 +171,6 @@ fn quantiles_of_pixel_errors_are_small() {
         all.len()
     );
     assert!(median <= 1e-7 && p99 <= 1e-6 && p999 <= 1e-4);
-    // Two samples of the order with the fewest samples may be on the other side of an edge.
+    // Two samples of an order that takes half of the samples may be on the other side of an edge.
     assert!(most <= 2.0 / 32.0);
 }

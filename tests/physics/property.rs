@@ -1,4 +1,4 @@
-//! Tests properties of every accepted scene on random scenes, with extreme depths, lights, panes, lenses and films.
+//! Checks bounds and invariances of random scenes with extreme depths, lights, panes, lenses and films.
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::invariance::{bits, tiled};
@@ -84,13 +84,13 @@ fn range(photo: &Photo) -> [f64; 2] {
     values.fold([f64::INFINITY, 0.0], |[lo, hi], &v| [lo.min(f64::from(v)), hi.max(f64::from(v))])
 }
 
-/// Bounds the excess of thinned orders, which take fewer samples, over a mean with weights of at most 1 in total.
+/// Returns an upper bound of the light of thinned orders. Their means are over fewer samples than other means.
 fn thinned_excess(list: &[FollowedOrder], max_radiance: f64) -> f64 {
     let thinned = list.iter().filter(|f| f.thinning > 1);
     thinned.map(|f| f.max_weight * max_radiance * 1.01).sum()
 }
 
-/// Relative rounding error of f32 sums of at most 128 samples.
+/// Bound of the relative rounding error of f32 sums of at most 128 samples.
 const ROUNDING: f64 = 1e-5;
 
 fn within_bounds(
@@ -102,7 +102,7 @@ fn within_bounds(
     let [b_lo, b_hi] = range(&case.back);
     let excess = thinned_excess(&orders.front, f_hi) + thinned_excess(&orders.back, b_hi);
     let mixed = f_hi.max(b_hi) + excess;
-    // An absorbing pane may darken all light; otherwise only dropped orders are missing.
+    // An absorbing pane may darken all light; otherwise, only dropped and thinned orders may lose light.
     let lost = excess + 1.01 * (orders.front_tail + orders.back_tail);
     let floor =
         if case.absorption_per_m == [0.0; 3] { (f_lo.min(b_lo) - lost).max(0.0) } else { 0.0 };
@@ -128,7 +128,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
     #[test]
     fn every_scene_renders_within_its_bounds(case in case()) {
-        // `scene::assemble` refuses grazing rays, and a lens that reaches the pane.
+        // `scene::assemble` refuses grazing rays, and a pane that cuts the lens.
         let (normal, distance_m) = case.pane();
         prop_assume!(case.steepest_cos() > f64::to_radians(85.0).cos());
         prop_assume!(distance_m > case.aperture_m * (1.0 - normal.z * normal.z).sqrt());

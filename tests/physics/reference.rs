@@ -1,4 +1,4 @@
-//! A simple renderer in f64 that tries every triangle, as a reference for pixels.
+//! A brute-force f64 renderer: tries every triangle or, if depths differ much, every triangle near a line.
 
 use crate::case::{Apex, Case, Photo};
 use crate::optics::Pane;
@@ -12,7 +12,7 @@ const BORDER_PX: f64 = 4000.0;
 pub(crate) struct Sheet<'a> {
     photo: &'a Photo,
     triangles: Vec<[DVec3; 3]>,
-    /// True if depths span more than four decades, for which f64 is accurate only in (u, v, 1/z).
+    /// True if depths span more than four decades; f64 is then accurate only in (u, v, 1/z).
     is_deep: bool,
 }
 
@@ -48,7 +48,7 @@ impl<'a> Sheet<'a> {
         Self { photo, triangles, is_deep: extremes[1] > 1e4 * extremes[0] }
     }
 
-    /// Returns the line's point on the sheet that is nearest to the capture camera's plane, on its front side.
+    /// Returns the first hit of a line with the sheet, which has the smallest z above 0 in the sheet's coordinates.
     pub(crate) fn first_hit(&self, origin: DVec3, d: DVec3) -> Option<DVec3> {
         if self.is_deep {
             return self.first_hit_in_inverse_depth(origin, d);
@@ -77,8 +77,8 @@ impl<'a> Sheet<'a> {
         nearest
     }
 
-    /// Finds the point in (u, v, w = 1/z), where the sheet is a height field over pixels with a clamped border. Tries
-    /// each triangle near the line, in slices of w from near to far.
+    /// Computes [`Self::first_hit`] in (u, v, w = 1/z), where the sheet is a height field over pixels with a clamped
+    /// border. Tries each triangle near the line, in slices of w from near to far.
     fn first_hit_in_inverse_depth(&self, origin: DVec3, d: DVec3) -> Option<DVec3> {
         let photo = self.photo;
         let [nx, ny] = photo.size.map(|n| n as i64);
@@ -169,7 +169,7 @@ pub(crate) struct Reference<'a> {
     front: Sheet<'a>,
     back: Sheet<'a>,
     pane: Pane,
-    /// World to capture coordinates of the back photograph: `rotation * x + shift`.
+    /// Rotation and shift from world coordinates x to the back camera's coordinates `rotation * x + shift`.
     to_back: (DMat3, DVec3),
 }
 
@@ -205,7 +205,7 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Returns the pinhole direction, and origin and direction of the lens ray, of a sample.
+    /// Returns a sample's pinhole direction, and the origin and direction of its lens ray.
     fn camera(&self, x: u32, y: u32, point: [f32; 4]) -> (DVec3, DVec3, DVec3) {
         let [w, h] = self.case.film.map(f64::from);
         let offset = |u: f32| match &self.scene.film.filter {
@@ -280,7 +280,7 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Returns the number of an order's samples in total, and in each block of 256.
+/// Returns the number of samples of an order in total, and in each block of at most 256.
 fn samples_of(followed: &FollowedOrder, spp: u32) -> (u32, u32) {
     let block = spp.min(256);
     let of_block = (block / followed.thinning).max(1);

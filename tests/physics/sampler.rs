@@ -1,9 +1,9 @@
-//! Tests the low discrepancy of sample points, and the convergence of an image's error.
+//! Tests the low discrepancy and the independence of sample points, and the convergence of an image's error.
 
 use crate::case::{Case, Photo, noise, whole_film};
 use render::trace::{Isa, PixelSeed, sample};
 
-/// Returns the points of one pair of dimensions (0 pixel, 1 lens).
+/// Returns the points of one pair of dimensions (0: pixel, 1: lens) for a range of sample indices.
 fn points(seed: &PixelSeed, pair: usize, range: std::ops::Range<u32>) -> Vec<[f32; 2]> {
     range.map(|i| sample(seed, i)).map(|p| [p[2 * pair], p[2 * pair + 1]]).collect()
 }
@@ -74,11 +74,11 @@ fn pixel_and_lens_points_are_independent() {
     let correlations = products.map(|p| p / f64::from(256 * PIXELS));
     println!("cells met {mean:.1} (independent 162), correlations {correlations:.4?}");
     assert!((mean - 162.0).abs() < 10.0);
-    // Standard deviation of each for independent points: 1 / sqrt(256 * 64) = 0.008.
+    // The standard deviation of each correlation of independent points is 1 / sqrt(256 * 64) = 0.008.
     assert!(correlations.iter().all(|c| c.abs() < 0.04));
 }
 
-/// The error at 256 samples is below a third of that at 16, in the layers that have a lens and in R.
+/// The error of every layer at 256 samples is below a third of its error at 16 samples.
 #[test]
 fn error_falls_with_samples() {
     let relief = |key: u64, size: [usize; 2]| {

@@ -1,10 +1,10 @@
-//! Compares the closed forms of the pane with a ray followed through its two faces.
+//! Compares the closed forms of the pane with a ray followed through its two faces, and with published values.
 
 use crate::optics::Pane;
 use glam::DVec3;
 use render::trace::{Order, Slab};
 
-/// Returns the distance between two lines of the same direction `d`.
+/// Returns the distance between the lines through `a` and `b` with the direction `d`.
 fn line_distance(a: DVec3, b: DVec3, d: DVec3) -> f64 {
     d.cross(a - b).length() / d.length()
 }
@@ -126,7 +126,7 @@ fn orders_add_up_to_their_closed_totals() {
     assert!(worst < 1e-12 && lossless < 1e-12);
 }
 
-/// Compares weights, totals and gamma with published values at n = 1.6.
+/// Compares reflectances, weights, totals and gamma with published values and formulas at n = 1.6.
 #[test]
 fn weights_match_the_published_table() {
     let slab = plain(1.6);
@@ -183,7 +183,7 @@ fn absorbing_totals_equal_the_sums_of_the_series() {
 }
 
 #[test]
-fn tilt_turns_right_handed_about_x_then_y() {
+fn tilt_is_right_handed_about_x_then_y() {
     let yawed = Slab::tilted_normal([0.0, 30.0]);
     assert!((yawed - DVec3::new(0.5, 0.0, 0.75f64.sqrt())).length() < 1e-15);
     let pitched = Slab::tilted_normal([30.0, 0.0]);

@@ -1,4 +1,4 @@
-//! A lens spreads the light of one bright texel over the circle of confusion, and keeps its energy.
+//! A lens spreads the light of one bright texel over the circle of confusion without changing its energy.
 
 use crate::case::{Case, GLASS, Photo, T};
 use render::trace::{Isa, Tile, trace_tile};
@@ -22,7 +22,7 @@ fn case(depth_m: f64, focus_m: f64, aperture_m: f64) -> Case {
     case
 }
 
-/// The sum over pixels equals w_k (texel's area in film pixels) (Z / (Z - kappa_k))^2.
+/// Order k adds w_k (texel's area in film pixels) (Z / (Z - kappa_k))^2 to the sum over pixels; in T, the weight is 1.
 #[test]
 fn energy_does_not_depend_on_the_lens() {
     for (depth_m, focus_m, aperture_m) in [
@@ -50,7 +50,7 @@ fn energy_does_not_depend_on_the_lens() {
     }
 }
 
-/// The spot's second moment equals that of a uniform disc, widened by pixel and texel.
+/// The second moment of the spot equals the sum of those of a uniform disc, a pixel and a texel.
 #[test]
 fn circle_of_confusion_has_the_expected_radius() {
     for (depth_m, focus_m) in [(2.0, 1.0), (1.0, 4.0), (5.0, f64::INFINITY)] {
@@ -65,7 +65,7 @@ fn circle_of_confusion_has_the_expected_radius() {
         let kappa = 0.01 * (1.0 - 1.0 / 1.6);
         let inverse_focus = 1.0 / focus_m;
         let radius = 0.02 * (1.0 / (depth_m - kappa) - inverse_focus).abs() * per_tangent;
-        // A uniform disc has variance radius^2 / 4 along each axis; pixel and hat add 1/12 and texel^2 / 6.
+        // A uniform disc has variance radius^2 / 4 along each axis; the pixel adds 1/12, the texel's hat texel^2 / 6.
         let (mut mass, mut second) = (0.0, 0.0);
         for (q, pixel) in pixels.iter().enumerate() {
             let x = f64::from(q as u32 % tile.width) - 7.0;
@@ -81,7 +81,7 @@ fn circle_of_confusion_has_the_expected_radius() {
     }
 }
 
-/// Circles of confusion of the paper's lens have the expected radii, for a light of 1e6 through air and glass.
+/// With the paper's lens, the disc of a light of 1e6 has the expected radius and energy, with and without glass.
 #[test]
 fn discs_have_the_expected_radii() {
     for (depth_m, focus_m, ior, expected_px) in [
@@ -95,7 +95,7 @@ fn discs_have_the_expected_radii() {
         case.film = [256, 256];
         case.ior = ior;
         case.spp = 65_536;
-        // The hat of a texel of two pixels has no part at the pixels' frequency: a sum over pixels is an integral.
+        // The spectrum of a two-pixel texel's hat is 0 at the pixels' frequency: a sum over pixels equals the integral.
         const TEXEL_PX: f64 = 2.0;
         const SEEDS: u64 = 2;
         let fine = |i: usize, j: usize| [if i == 1 && j == 1 { 1e6 } else { 0.0 }; 3];
@@ -116,7 +116,7 @@ fn discs_have_the_expected_radii() {
                 second += value * (x * x + y * y) / 2.0;
             }
         }
-        // A uniform disc has variance radius^2 / 4 along each axis; pixel and hat add 1/12 and texel^2 / 6.
+        // A uniform disc has variance radius^2 / 4 along each axis; the pixel adds 1/12, the texel's hat texel^2 / 6.
         let kappa = 0.01 * (1.0 - 1.0 / ior);
         let texel_px = TEXEL_PX * depth_m / (depth_m - kappa);
         let blur = second / mass - 1.0 / 12.0 - texel_px * texel_px / 6.0;
@@ -131,13 +131,13 @@ fn discs_have_the_expected_radii() {
     }
 }
 
-/// Without a lens, R~ has two sharp images, which are 2 h gamma tan apart in the pane's plane.
+/// Through a pinhole, the two brightest images in R~ are sharp and 2 h gamma tan_i apart in the pane's plane.
 #[test]
-fn pinhole_reflection_is_two_sharp_images() {
+fn pinhole_reflection_has_two_bright_sharp_images() {
     let mut case = case(2.0, 2.0, 0.0);
     case.film = [256, 8];
     case.thickness_m = 0.2;
-    // The texel is off-centre, where the ghost is displaced.
+    // The bright column of texels is off-centre, where the ghost is displaced.
     let fine = |i: usize, _: usize| [if i == 20 { 1.0 } else { 0.0 }; 3];
     case.back = Photo::new([8, 8], [101, 5], [0.4; 2], |_, _| 2.0, fine);
     let pixels = case.render();
@@ -163,12 +163,12 @@ fn pinhole_reflection_is_two_sharp_images() {
     };
     let [tx, _] = case.tan_half_fov();
     let tangent = |place: f64| (2.0 * place / 256.0 - 1.0) * tx;
-    // Mirrored x of the texel's centre.
+    // Mirrored x of the column's centre, m.
     let x_m = -((20.5 / 101.0) * 2.0 - 1.0) * 0.4 * 2.0;
     assert!((tangent(peaks[0].0) - x_m / 2.0).abs() < 3e-4, "{peaks:?}");
     let p = tangent(peaks[1].0);
     let gamma = 1.0 / (1.6f64 * 1.6 + (1.6 * 1.6 - 1.0) * p * p).sqrt();
-    // The ghost's line is longer by 2 h gamma: p (Z + 2 h gamma) is the same point.
+    // The ghost's line is longer by 2 h gamma, and meets the plane at the same point p (Z + 2 h gamma).
     assert!((p * (2.0 + 0.4 * gamma) - x_m).abs() < 1e-3, "{peaks:?}");
     println!("two images at {:.3} and {:.3} px, {} in all", peaks[0].0, peaks[1].0, peaks.len());
 }

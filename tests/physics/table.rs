@@ -5,17 +5,17 @@
 //! | incidence 30 to 89.9 degrees, Brewster | published weights and totals | [`weights_match_published_values`], `slab` |
 //! | index 1 | I = T, R~ = 0 | `constant_depth::glass_with_the_ior_of_air_has_no_effect` |
 //! | thickness 0 | I = T-total F + R-total B | `constant_depth::thin_glass_splits_light_and_bends_nothing` |
-//! | aperture 0 | T, R do not depend on the focus; two sharp ghosts | [`pinholes_ignore_the_focus`], `spot` |
-//! | focus at infinity | discs of A P / Z px | `spot::discs_have_the_expected_radii`, `constant_depth` |
+//! | aperture 0 | pixels do not depend on the focus; two sharp images in R~ | [`pinholes_ignore_the_focus`], `spot` |
+//! | focus at infinity | discs of radius A P / Z px: aperture A, P px per unit of tangent | `spot::discs_have_the_expected_radii`, `constant_depth` |
 //! | constant planes, constant radiance | mix by the totals; T = F, R = B exactly | `constant_depth`, `furnace` |
 //! | constant planes, any radiance | sum of w_k mean L(X) | [`planes_render_as_mean_radiances`] |
 //! | ramps | mean over the lens equals the value at its centre | `constant_depth` |
 //! | a light of 1e6, its disc, its energy | radius and sum in closed form | `spot` |
 //! | one bright texel | energy does not depend on the lens | `spot` |
 //! | Nyquist checkerboard | box-filtered triangle wave | `checkerboard` |
-//! | depths of 1e-3 and 1e5 m in one image | the photograph for a pinhole without glass; otherwise f64 | [`extreme_depths_do_not_change_a_pinhole_image`], [`extreme_depths_match_f64`] |
+//! | depths of 1e-3 and 1e5 m in one image | the photograph for a pinhole without glass; otherwise the f64 pixels | [`extreme_depths_do_not_change_a_pinhole_image`], [`extreme_depths_match_f64`] |
 //! | NaN, infinite, 0, negative depth | filled holes | [`holes_in_a_plane_leave_no_trace`], `farm` (quarantine) |
-//! | 1 x 1, 1 x N photographs, films | T = R = the colour; otherwise f64 | [`one_row_or_column_matches_f64`], `hard_cases` |
+//! | 1 x 1, 1 x N and N x 1 photographs and films | T = R = the colour for 1 x 1; otherwise the f64 pixels | [`one_row_or_column_matches_f64`], `hard_cases` |
 
 use crate::case::{Apex, CLEAN, Case, GLASS, I, Photo, T, noise};
 use crate::pixels::compare;
@@ -27,7 +27,7 @@ fn close(name: &str, value: f32, expected: f64, bound: f64) {
     assert!(off.abs() <= bound, "{name}: {value}, not {expected} (off by {off:.1e})");
 }
 
-/// Renders a pixel of a few arc seconds at `incidence` degrees for two flat photographs; returns it and the tail.
+/// Renders a pixel 0.06 arc seconds wide for flat photographs at `incidence` degrees; returns it and the tails' sum.
 fn glancing(incidence: f64, [front, back]: [f64; 2], tolerance: f64) -> (PixelMeans, f64) {
     let mut case = Case::new(Photo::flat(2.0, [front; 3]), Photo::flat(2.0, [back; 3]));
     case.film = [1, 1];
@@ -41,7 +41,7 @@ fn glancing(incidence: f64, [front, back]: [f64; 2], tolerance: f64) -> (PixelMe
     (case.render()[0], tail)
 }
 
-/// Incidence, degrees, and r_0, r_1, t_0, t_1, total T, total R at n = 1.6; NaN without a published value.
+/// Incidence, degrees, and r_0, r_1, t_0, t_1, total T, total R at n = 1.6; NaN where there is no published value.
 const PUBLISHED: [(f64, [f64; 6]); 6] = {
     const NO: f64 = f64::NAN;
     [
@@ -67,7 +67,7 @@ const PUBLISHED: [(f64, [f64; 6]); 6] = {
 #[test]
 fn weights_match_published_values() {
     for (degrees, expected) in PUBLISHED {
-        // The weight of an order is the difference of two renders with tolerances on either side of the weight.
+        // The weight of r_1 is the difference of two renders, with tolerances below r_0 and below r_1.
         let value = |sides: [f64; 2], tolerance: f64| glancing(degrees, sides, tolerance);
         let (all_front, front_tail) = value([1.0, 0.0], 1e-30);
         let (all_back, back_tail) = value([0.0, 1.0], 1e-30);
@@ -89,7 +89,7 @@ fn weights_match_published_values() {
         check("r1", both - r_0, 1, 2e-7);
         check("total T", all_front.mean[I][0], 4, front_tail + 1e-6);
         check("total R", all_back.mean[I][0], 5, back_tail + 1e-6);
-        // Energy is conserved: the dropped orders are bounded, and the others add up to white.
+        // Energy is conserved: the sum is white minus at most the bounds of the dropped orders.
         let sum = f64::from(all_front.mean[I][0]) + f64::from(all_back.mean[I][0]);
         assert!(sum <= 1.0 + 1e-6 && sum >= 1.0 - front_tail - back_tail - 1e-6);
         println!(
@@ -136,7 +136,7 @@ fn pinholes_ignore_the_focus() {
     assert_eq!(rendered[0], rendered[1]);
 }
 
-/// Compares pixels with a midpoint rule over pixel and lens, 16 steps per axis, of the radiance where lines hit a plane.
+/// Compares pixels with midpoint sums of the weighted radiance at a plane, 16 steps per axis of pixel and lens.
 #[test]
 fn planes_render_as_mean_radiances() {
     const DEPTH_M: f64 = 2.4;

@@ -1,4 +1,4 @@
-//! Compares the stated errors of tuples with a reference of many more samples.
+//! Compares the stated errors of tuples with their differences from a reference of 8,192 samples.
 
 use render::job::{SceneJob, render_partials};
 use render::line::{Roots, SceneLine, parse_scene};

@@ -3,11 +3,11 @@
 use render::line::SceneLine;
 use render::trace::FilmPlane;
 
-/// Number of steps per axis over which a pixel averages a formula.
+/// Number of steps per axis in the mean of a formula over a pixel.
 const STEPS: u32 = 8;
 /// Number of texels per axis of the spot's plane; the middle texel is bright.
 const SPOT_TEXELS: f64 = 3.0;
-/// Tangent of half the field of view of the spot's plane; its texel is two pixels wide.
+/// Tangent of half the field of view of the spot's plane; a texel is two pixels wide.
 const SPOT_TAN: f64 = 0.006_518_632_900_899_868;
 /// Depth of the ramps, m.
 const RAMP_DEPTH_M: f64 = 2.2;
@@ -37,7 +37,7 @@ pub(crate) fn farthest(
                 continue;
             };
             let found = Measured::new(expected, f64::from(*value));
-            // NaN counts as the largest error, because no number compares with it.
+            // NaN counts as the largest error, because every comparison with NaN is false.
             if found.error.is_nan() {
                 return found;
             }
@@ -49,7 +49,7 @@ pub(crate) fn farthest(
     worst.expect("some pixel has an expected value")
 }
 
-/// Compares the largest value with `most`; returns the first negative or NaN value if the layer has one.
+/// Returns the largest value, compared with `most`, or the first negative or NaN value if the layer has one.
 pub(crate) fn at_most(layer: &[[f32; 3]], most: f64) -> Measured {
     let values = layer.as_flattened().iter().map(|&v| f64::from(v));
     if let Some(bad) = values.clone().find(|v| v.is_nan() || *v < 0.0) {
@@ -69,7 +69,7 @@ fn film(line: &SceneLine) -> FilmPlane {
     }
 }
 
-/// Returns the mean over pixel `q` of a ramp at X = p (Z - kappa), where lines hit it; the lens does not matter.
+/// Returns the mean over pixel `q` of a ramp at X = p (Z - kappa) for T, or at mirrored X = p Z for R, with any lens.
 pub(crate) fn ramp(line: &SceneLine, is_reflected: bool, terms: [f64; 3], q: usize) -> f64 {
     let [middle, across_per_m, down_per_m] = terms;
     let (film, glass) = (film(line), &line.glass);
@@ -88,7 +88,7 @@ pub(crate) fn ramp(line: &SceneLine, is_reflected: bool, terms: [f64; 3], q: usi
     sum / f64::from(STEPS * STEPS)
 }
 
-/// Returns the mean of the mirrored checkerboard over pixel `q`; `None` within half a texel of the border.
+/// Returns the mean of the mirrored checkerboard over pixel `q`; `None` if `q` is within half a texel of the border.
 pub(crate) fn checker(line: &SceneLine, texels: usize, q: usize) -> Option<f64> {
     let film = &line.film;
     let (x, y) = (q as u32 % film.width, q as u32 / film.width);
@@ -102,7 +102,7 @@ pub(crate) fn checker(line: &SceneLine, texels: usize, q: usize) -> Option<f64> 
     Some(0.5 + 0.5 * u * v)
 }
 
-/// Integrates the triangle wave of period 2, which is 1 at even and -1 at odd numbers, from 0.
+/// Integrates the triangle wave of period 2, which is 1 at even and -1 at odd integers, from 0 to `x`.
 fn wave(x: f64) -> f64 {
     let r = x.abs() % 2.0;
     let value = if r <= 1.0 { r - r * r } else { (r - 1.0) * (r - 2.0) };
@@ -113,7 +113,7 @@ pub(crate) fn red_sum(layer: &[[f32; 3]]) -> f64 {
     layer.iter().map(|p| f64::from(p[0])).sum()
 }
 
-/// Returns the radius of a uniform disc with the layer's second moment minus those of pixel and texel.
+/// Returns the radius, px, of a uniform disc with the layer's second moment minus those of pixel and texel.
 pub(crate) fn radius_px(line: &SceneLine, depth_m: f64, layer: &[[f32; 3]]) -> f64 {
     let (film, glass) = (film(line), &line.glass);
     let center = [film.width, film.height].map(|n| f64::from(n) / 2.0 - 0.5);

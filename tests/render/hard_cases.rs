@@ -22,7 +22,7 @@ enum Expected {
     Ramp([f64; 3]),
     /// A checkerboard over the film's field of view, with this number of texels per axis.
     Checker(usize),
-    /// The layer of another case.
+    /// The pixels of this scene and layer.
     SameAs(&'static str, &'static str),
 }
 
@@ -34,7 +34,7 @@ const T: &str = "transmission";
 const GLASS: &str = "glass_reflection";
 const R: &str = "clean_reflection";
 
-/// Planes of one colour: I mixes the colours by the pane's totals, and T and R equal them.
+/// Cases of the pane. With planes of one colour, I mixes them by the pane's totals, and T and R equal the colours.
 const PANE: &[Check] = &[
     ("constant-planes", I, Value([0.739_325_84, 0.460_674_16, 0.140_449_44]), 1e-6),
     ("constant-planes", T, Value([0.8, 0.4, 0.1]), 3e-8),
@@ -43,7 +43,7 @@ const PANE: &[Check] = &[
     // R~ of the front face alone, ((n - 1) / (n + 1))^2: I keeps the ghosts that R~ lacks.
     ("first-reflection", I, Value([0.739_325_84, 0.460_674_16, 0.140_449_44]), 1e-6),
     ("first-reflection", GLASS, Value([0.010_650_888, 0.053_254_438, 0.026_627_219]), 1e-8),
-    // Red in front, green behind: red of I is the total transmittance, green the total reflectance.
+    // The front is red and the back green: red of I is the total transmittance, and green the total reflectance.
     ("angle-30", I, Value([0.896_511_133_4, 0.103_488_866_6, 0.0]), 1e-6),
     ("angle-brewster", I, Value([0.838_911_247_6, 0.161_088_752_4, 0.0]), 1e-6),
     ("angle-80", I, Value([0.448_700_977_8, 0.551_299_022_2, 0.0]), 1e-6),
@@ -59,12 +59,12 @@ const PANE: &[Check] = &[
     ("thickness-0", GLASS, AtMost(0.11), 0.0),
 ];
 
-/// A light of 1e6, two pixels wide: for every lens, its energy is 1e6 x (2 px Z / (Z - kappa))^2.
+/// Cases of the lens. For every lens, the energy of a light of 1e6, two pixels wide, is 1e6 x (2 px Z / (Z - kappa))^2.
 const LENS: &[Check] = &[
-    // Aperture 0, without glass: T and I are the photograph, at any focus.
+    // With aperture 0 and without glass, T and I are the photograph at any focus.
     ("pinhole", I, SameAs("pinhole", T), 0.0),
     ("pinhole-focus", T, SameAs("pinhole", T), 0.0),
-    // A lens keeps the mean of a ramp at any focus.
+    // A lens does not change the mean of a ramp at any focus.
     ("ramp-near", T, Ramp([0.5, 0.2, 0.1]), 4e-5),
     ("ramp-near", R, Ramp([0.5, -0.15, 0.3]), 4e-5),
     // The same ramps, focused at infinity, from EXR files.
@@ -79,7 +79,7 @@ const LENS: &[Check] = &[
     // The light is 5 m away, with the focus at infinity and without glass.
     ("light-infinity", T, RadiusPx(0.822, 5.0), 0.01),
     ("light-infinity", T, RedSum(4.0e6), 1e4),
-    // The light is behind: the disc of each order has the order's share of the light.
+    // The light is behind the camera: the disc of each order has the order's share of the light.
     ("light-reflected", GLASS, RedSum(4.021_166e5), 2e3),
     ("light-reflected", R, RedSum(4.0e6), 2e3),
 ];
@@ -91,7 +91,7 @@ const PICTURES: &[Check] = &[
     ("nyquist-1-4", R, Checker(17), 3e-3),
     ("photograph-1x1", T, Value([0.25, 0.5, 0.75]), 0.0),
     ("photograph-1x1", R, Value([0.75, 0.5, 0.25]), 0.0),
-    // Depth images of one column or row with constant depth equal larger ones.
+    // A constant depth image of one pixel, row or column has the same effect as a larger one.
     ("photograph-1xn", T, SameAs("plain", T), 1e-6),
     ("photograph-1xn", R, SameAs("plain", R), 1e-6),
     ("film-1x1", T, Value([0.25, 0.5, 0.75]), 0.0),
@@ -105,7 +105,7 @@ const DEPTHS: &[Check] = &[
     ("holes", T, SameAs("plain", T), 1e-6),
     // Depths from 1 mm to 100 km: from the capture point and without glass, a pinhole renders the photograph.
     ("depth-extremes", T, SameAs("pinhole", T), 1e-6),
-    // With lens and glass, values stay within those of the picture.
+    // With lens and glass, values stay within the range of the photograph.
     ("depth-extremes-lens", I, AtMost(1.0), 1e-5),
     ("depth-extremes-lens", T, AtMost(1.0), 0.0),
     ("depth-extremes-lens", GLASS, AtMost(1.0), 0.0),
@@ -118,7 +118,7 @@ const REFUSED: [(&str, &str); 6] = [
     ("angle-89-9", "85"),
     // The tilted pane is so near that it intersects the lens.
     ("pane-cuts-lens", "lens"),
-    // More than 1 % of the surfaces are in front of the pane.
+    // More than 1 % of the depth pixels are nearer than the pane.
     ("too-near", "nearer than the pane"),
     ("no-depth-nan", "check depth_unit_m"),
     ("no-depth-negative", "check depth_unit_m"),

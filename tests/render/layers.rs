@@ -1,4 +1,4 @@
-//! Tests `film.layers` and `film.target_error`: a run omits layers or samples, and nothing else changes.
+//! Tests `film.layers` (other layers do not change) and `film.target_error` (threads, tiles and kills change no bit).
 
 use crate::support::outputs::{Content, Tuples, assert_same, assert_tidy, tuple_record, tuples};
 use crate::support::program::{command, run, text, wait_until};
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
-/// Makes a place with a recipe that has more lines under `[film]`.
+/// Makes a place with a recipe that has the additional lines `film` under `[film]`.
 fn place_with(film: &str) -> Place {
     let place = place();
     std::fs::write(&place.recipe, RECIPE.replace("[film]\n", &format!("[film]\n{film}\n")))

@@ -19,7 +19,7 @@ fn rendered(folder: &Path, layer: &str) -> Vec<[f32; 3]> {
 /// Renders the four layers of a scene line with `changes` (JSON pointer, value).
 fn layers(folder: &Path, name: &str, changes: &[(&str, Value)]) -> [Vec<[f32; 3]>; 4] {
     let mut line = scene(name);
-    // By default, the tracer drops orders by their radiance; here it follows all orders at any light.
+    // By default, the tracer drops and thins orders by their radiance; here, any light has the same orders and samples.
     line["film"]["order_tolerance"] = json!(0.0);
     for (pointer, value) in changes {
         let (parent, key) = pointer.rsplit_once('/').unwrap();
@@ -40,7 +40,7 @@ fn light_is_linear() {
     let plain = layers(folder, "plain", &[]);
     assert!(plain.iter().flatten().flatten().any(|v| *v > 0.0));
 
-    // Powers of two are exact.
+    // Factors that are powers of two are exact.
     let brighter = layers(folder, "brighter", &[("/camera/exposure", json!(4.0))]);
     for (layer, before) in brighter.iter().zip(&plain) {
         let expected: Vec<_> = before.iter().map(|p| p.map(|v| 4.0 * v)).collect();
@@ -162,7 +162,7 @@ fn planning_sets_the_light_and_replaces_rejected_draws() {
         assert!(one["reason"].as_str().unwrap().len() > 10, "{one}");
     }
 
-    // An additional scene does not change the others or their rejections.
+    // An additional scene does not change the other scenes.
     std::fs::write(&recipe, WILD.replace("{ sample = 10 }", "{ sample = 11 }")).unwrap();
     let (_, more, _) = plan("more", "2");
     for line in manifest.lines() {
@@ -176,7 +176,7 @@ fn planning_sets_the_light_and_replaces_rejected_draws() {
         let id = line["id"].as_str().unwrap();
         let tuple = folder.join("tuples").join(id);
         let channels = exr_channels(&tuple.join("tuple.exr"));
-        // `render` makes the same images from the tuple's record alone.
+        // `render` makes the same images from `tuple.json`.
         let out = place.path().join("again").join(id);
         run(&["render", text(&tuple.join("tuple.json")), "--out", text(&out)]).expect(0);
         for layer in LAYERS {

@@ -27,7 +27,7 @@ name = "train"
 pairs = { mine = 6 }
 "#;
 
-/// Writes a Radiance HDR panorama, 64 x 32 px, with flat scan lines: brighter to the right, and 40 at the sun.
+/// Writes an uncompressed Radiance HDR panorama of 64 x 32 px: red increases to the right; the sun's radiance is 40.
 fn panorama(path: &Path) {
     let mut bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n".to_vec();
     for at in 0..64 * 32u32 {

@@ -1,5 +1,5 @@
 //! Renders scene lines and recipes, and compares whole images with an independent renderer, with photographs, and with
-//! renderings with other threads and tiles.
+//! renderings by other threads and tiles.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

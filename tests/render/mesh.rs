@@ -47,7 +47,7 @@ fn room() -> Vec<u8> {
     ply
 }
 
-/// Makes a side with the room in metres, y down and z ahead.
+/// Makes a side with the mesh `file` of the room, converted to metres, y down and z ahead.
 fn mesh(file: &str) -> Value {
     json!({
         "mesh": file, "unit_m": 0.001,
@@ -107,7 +107,7 @@ fn meshes_render_on_either_side() {
             // The axis misses the step's face, 2 m ahead, and hits the far wall.
             let focus_m = facts["focus_distance_m"].as_f64().unwrap();
             assert!((focus_m - 4.0).abs() < 1e-6, "{focus_m}");
-            // The room is closed, so that every path of the front hits it.
+            // The room is closed, so every path of the front hits it.
             assert_eq!(record["layers"]["transmission"]["miss_share"], 0.0);
         }
     }

@@ -1,4 +1,4 @@
-//! Compares a scene with Mitsuba 3 (its camera, film, meshes, textures and ray casting) at 4,096 samples.
+//! Compares a scene with images by Mitsuba 3 (its camera, film, meshes, textures and ray casting) with 4,096 samples.
 
 use render::line::{Roots, parse_scene};
 use render::merge::combine;
@@ -23,7 +23,7 @@ fn reference(path: &Path) -> Vec<f64> {
     file.into_vec::<f32>().unwrap().into_iter().map(f64::from).collect()
 }
 
-/// Returns the RMS difference of the pixels, and of the means of 16 x 16 pixels.
+/// Returns the RMS difference of the pixels, and that of the means of 16 x 16 pixels.
 fn rmse(image: &[[f32; 3]], reference: &[f64], width: usize) -> (f64, f64) {
     let height = image.len() / width;
     let difference = |x: usize, y: usize, c: usize| {

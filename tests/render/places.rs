@@ -38,7 +38,7 @@ range = { near_m = 4.0, far_m = 40.0 }
 why = "a guess"
 "#;
 
-/// Converts sampled photographs to PLACES365's folders, with scaled and shifted inverse depth as from an estimator.
+/// Copies photographs of `sample` to folders like those of PLACES365, with scaled and shifted inverse depth.
 fn places(folder: &Path) {
     let made = folder.join("made");
     let size = ["--width", "64", "--height", "64"];

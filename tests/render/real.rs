@@ -16,7 +16,7 @@ const FILM: usize = 256;
 /// Limit of the linear RMSE between 64 samples per pixel in half floats and a lookup at 16 x 16 positions.
 const LOOKUP_RMSE: f64 = 2e-3;
 
-/// Names of a front and a back in [`SETS`], apex, and tilt of the pane.
+/// Names of a front and a back in [`SETS`], apex, and tilt of the pane, degrees.
 type Pair = (&'static str, &'static str, &'static str, [f64; 2]);
 
 /// Pairs with each set at least once in front and once behind.
@@ -60,7 +60,7 @@ fn every_layout_renders_and_the_clean_reflection_is_the_photograph() {
             lookup.map_or(String::new(), |(rmse, _)| format!("{rmse:.1e}")),
         );
         tuple.assert_sound();
-        // Another reader of the file counts the same holes. No surface of these sets is within 0.3 m.
+        // Another reader of the file counts the same holes. No surface of these sets is nearer than the pane.
         assert_eq!(facts.filled_share.front, front.hole_share(&root, folder.path()));
         assert_eq!(facts.filled_share.back, back.hole_share(&root, folder.path()));
         assert_eq!(facts.too_near_share.front + facts.too_near_share.back, 0.0);
@@ -194,7 +194,7 @@ impl RealTuple {
         self.record.layers[name].miss_share
     }
 
-    /// Asserts that no pixel is missing, NaN, infinite, negative or brighter than the photographs, and that I >= R~.
+    /// Asserts that no pixel is missing, NaN, infinite, negative or too bright, and that I >= R~ except for rounding.
     fn assert_sound(&self) {
         let id = &self.record.scene.id;
         let most = &self.record.facts.max_radiance;

@@ -32,8 +32,8 @@ fn line(set: &Set, color: &str, depth: &str) -> Value {
     line
 }
 
-/// Makes lines of photographs with relative depth. Their cameras are unknown, and get a horizontal field of view of 60
-/// degrees.
+/// Makes lines of photographs with relative depth. Their cameras are unknown; the lines have a horizontal field of
+/// view of 60 degrees.
 fn estimates() -> [Value; 2] {
     let camera = |width: u32, height: u32| {
         let [w, h] = [width, height].map(f64::from);
@@ -57,7 +57,7 @@ fn estimates() -> [Value; 2] {
     ]
 }
 
-/// Fills `to/photos` with links to the sets, converted depth images and `photographs.jsonl`. Returns the number of
+/// Fills `to/photos` with links to the sets, a converted depth image and `photographs.jsonl`. Returns the number of
 /// photographs.
 pub(crate) fn write_list(root: &Path, to: &Path) -> usize {
     let photos = to.join("photos");
@@ -121,7 +121,7 @@ fn a_list_of_the_sets_is_rendered() {
         let line: Value = serde_json::from_str(line).unwrap();
         let [front, back] = ["front", "back"].map(|side| line[side]["color"].as_str().unwrap());
         used.extend([front.to_owned(), back.to_owned()]);
-        // A path starts with the folder of its set. Each set is one scan, and a scene takes two scans.
+        // A path starts with the folder of its set. Each set is one scan, and the sides of a scene come from two scans.
         let set = |path: &str| path.split('/').next().unwrap().to_owned();
         assert_ne!(set(front), set(back), "{line}");
         let tuple = out.path().join("run/tuples").join(line["id"].as_str().unwrap());

@@ -5,7 +5,7 @@ use render::formats::{NamedBytes, PhotographFiles};
 use render::line::Photograph;
 use render::scene::{Sheet, decode_photograph};
 
-/// Decodes an estimate (larger is nearer, also negative), and an uncalibrated disparity image, where 0 is unknown.
+/// Decodes an estimate (larger values are nearer) and an uncalibrated disparity image (0 is unknown).
 #[test]
 fn relative_depths_of_real_photographs_become_metres() {
     let Some(folder) = find_sets() else { return };
@@ -44,7 +44,7 @@ fn relative_depths_of_real_photographs_become_metres() {
     assert!((ends.far_m / ends.near_m - 8.0).abs() < 1e-9, "{ends:?}");
     assert!(ends.clamped_share > 0.0 && ends.clamped_share < 0.05, "{ends:?}");
     assert!(z_m(&sheet, 0) > 2.0 * z_m(&sheet, 3));
-    // The estimate with a range in metres equals its 16-bit form, except for quantisation.
+    // With a range in metres, the estimate equals its 16-bit form, except for quantisation.
     let range = r#"{"near_m":3,"far_m":60,"percentiles":[1,99]}"#;
     let fine = decode(moon[0], moon[1], None, range);
     let coarse = decode(moon[0], "moon_estimated/moon.png", None, range);

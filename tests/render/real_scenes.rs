@@ -1,4 +1,4 @@
-//! Makes scene files of the public sets for `glasshouse bench`: a set on both sides, the paper's camera and pane.
+//! Makes scene files of the public sets for `glasshouse bench`: one set on both sides, the paper's camera and pane.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, SETS, find_sets, write_motorcycle_depth};
 use crate::support::program::PROGRAM;
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::process::Command;
 
-/// Writes `target/tmp/real-scenes/SET.json` and checks that the program accepts them.
+/// Writes a scene file `target/tmp/real-scenes/SET.json` for each set, and checks that the program accepts it.
 #[test]
 fn scene_files_of_the_sets_are_accepted() {
     let Some(root) = find_sets() else { return };

@@ -1,4 +1,4 @@
-//! Files and scene lines of the public data sets, and readers that share no code with the program.
+//! Files and scene lines of the public data sets, and readers that do not use the program's own decoders.
 
 use render::atomic_file;
 use serde_json::{Value, json};
@@ -16,7 +16,7 @@ pub(crate) struct Set {
     /// Path below the root of the sets, or [`MOTORCYCLE_DEPTH`].
     pub(crate) depth: &'static str,
     pub(crate) depth_unit_m: f64,
-    /// fx, fy, cx, cy; the image's corner is (0, 0).
+    /// fx, fy, cx, cy, px; the image's corner is (0, 0).
     pub(crate) intrinsics: [f64; 4],
 }
 
@@ -138,7 +138,7 @@ pub(crate) fn write_motorcycle_depth(root: &Path, to: &Path) {
     let mut npy = Vec::new();
     archive.by_name("arr_0.npy").unwrap().read_to_end(&mut npy).unwrap();
     let disparity = npyz::NpyFile::new(&npy[..]).unwrap();
-    // Both arrays are `<f4` in C order and have the same header.
+    // The arrays of disparities and depths are `<f4` in C order and have the same header.
     let header = npy.len() - disparity.shape().iter().product::<u64>() as usize * 4;
     // Focal length times baseline, over the sum of the disparity and the principal points' distance.
     let depth_m = |d: f32| {

@@ -11,7 +11,7 @@ const LAYERS: [&str; 4] = ["input", "transmission", "glass_reflection", "clean_r
 
 type Files = BTreeMap<std::path::PathBuf, Vec<u32>>;
 
-/// Reads every file of `render`: the bits of R, G, B of an EXR, and the bytes of a PNG.
+/// Reads every file that `render` wrote: the bits of R, G, B of each EXR, and the bytes of each PNG.
 fn rendered(out: &Path) -> Files {
     let mut found = BTreeMap::new();
     for path in files(out) {
@@ -117,7 +117,7 @@ fn a_tuple_can_be_rendered_again() {
 }
 
 #[test]
-fn errors_name_the_wrong_scene() {
+fn errors_name_the_scene_file() {
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
     let path = folder.path().join("scene.json");

@@ -32,7 +32,7 @@ fn every_reader_accepts_a_seed_and_survives_truncated_ones() {
         assert!(files.iter().any(|(_, bytes)| read(bytes)), "{name} accepts none of its seeds");
         for (_, bytes) in &files {
             read(bytes);
-            // Truncates a short seed at every byte and a long one at a hundred places.
+            // Truncates a short seed at every byte, and a long one at up to a hundred places.
             for length in (0..bytes.len()).step_by(bytes.len() / 100 + 1) {
                 read(&bytes[..length]);
             }

@@ -29,7 +29,7 @@ fn plain_line() -> SceneLine {
     line
 }
 
-/// Traces and merges a scene of a few pixels; returns its line, its partials and its record.
+/// Traces and merges a scene of a few pixels; returns its line, its partials and its tuple's record.
 fn traced() -> (SceneLine, Vec<Partial>, Vec<u8>) {
     let line = plain_line();
     let named = |bytes: &[u8]| NamedBytes { path: "a".into(), bytes: bytes.to_vec() };
