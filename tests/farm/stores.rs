@@ -182,7 +182,7 @@ fn a_put_waits_for_an_unreachable_store() {
 }
 
 #[test]
-fn a_store_that_stays_unreachable_is_a_passing_error() {
+fn errors_of_an_unreachable_store_are_passing() {
     let server = S3Server::start(4);
     let address = format!("s3://{BUCKET}/x");
     let store = Store::open(&address, &server.options(Duration::from_secs(1))).unwrap();

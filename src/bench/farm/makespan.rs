@@ -53,7 +53,7 @@ fn usual_faults(case: &Case) -> Result<Vec<Fault>, FarmBenchError> {
     Ok(vec![slow, Fault::Kill { worker: 0, at_s }])
 }
 
-/// Time after the start, s, and worker of each kill.
+/// The kills, each as the time after the start (in seconds) and the index of the worker.
 type Kills = Vec<(f64, usize)>;
 
 /// Returns the slowness of each worker, and the kills in order of time. Fails for other faults.
@@ -109,7 +109,7 @@ fn measure(place: &Place, case: &Case, name: &str) -> Result<Pass, FarmBenchErro
     let run_text = run.to_string_lossy().into_owned();
     let (slow, kills) = ordered(case)?;
     let mut workers = start_workers(place, case, &run_text, &slow)?;
-    // The clock starts with the coordinator, because the queue is empty before.
+    // The clock starts with the coordinator, because the queue is empty until then.
     let (begun, start) = (SystemTime::now(), Instant::now());
     let lease = case.rules.lease_s.to_string();
     let arguments = ["coordinate", &run_text, "--lease-s", &lease, "--json"];

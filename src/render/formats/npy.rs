@@ -199,7 +199,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn reads_what_npyz_writes() {
+    fn arrays_written_by_npyz_are_read() {
         macro_rules! check {
             ($($kind:ty),*) => {$(
                 let values = [0 as $kind, 1 as $kind, 2 as $kind, 3 as $kind, 4 as $kind, 100 as $kind];

@@ -39,7 +39,8 @@ pub enum DepthRange {
 }
 
 impl DepthRange {
-    /// Returns the default ratio. A room spans 1.5 m to 8 m, a street 5 m to 50 m: 5 to 10. Estimators resolve no more.
+    /// Returns the default ratio. A room spans 1.5 m to 8 m (a ratio of 5), and a street spans 5 m to 50 m (a ratio of
+    /// 10). Depth estimators do not resolve larger ratios.
     fn far_over_near() -> f64 {
         8.0
     }

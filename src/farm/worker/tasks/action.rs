@@ -26,11 +26,12 @@ pub(crate) enum Action {
     Quarantine { scene: u32, reason: String },
     /// Remove the scene's partials: its tuple is in the store.
     RemovePartials { scene: u32 },
-    /// Remove record number `n` of the attempt at these shards, which has ended in order.
+    /// Remove record number `n` of the attempts at these shards: this attempt has ended properly.
     ForgetAttempt { task: Task, n: u32 },
     /// Publish messages in place of a lease, and finish the lease once the queue has confirmed them. If the queue
-    /// already had one, let the lease expire, so that the task is delivered again: the worker with the earlier message
-    /// may have found the scene incomplete before this worker stored its last shards, and then finish the last message.
+    /// already had one, let the lease expire, so that the task is delivered again. Otherwise, the scene could lose its
+    /// last message: the worker with the earlier message finishes it if it found the scene incomplete before this
+    /// worker stored its last shards.
     Replace { lease: u64, messages: Vec<Message> },
     /// Finish the lease, so that the queue removes its message.
     Finish { lease: u64 },
