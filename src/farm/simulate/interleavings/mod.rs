@@ -38,7 +38,7 @@ enum Mistake {
     GathersNothing,
     /// Partials are removed before the tuple is in the store.
     RemovesPartialsFirst,
-    /// The record of an attempt that ended in order is not removed.
+    /// The record of an attempt that ended properly is not removed.
     KeepsRecords,
 }
 
