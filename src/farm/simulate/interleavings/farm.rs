@@ -307,7 +307,7 @@ impl Farm {
                 }
             }
             self.work_until_idle()?;
-            // The remaining leases belong to workers that are gone.
+            // No worker will finish the remaining leases: for example, a worker is gone or an acknowledgement was lost.
             for sequence in self.queue.all_held() {
                 self.queue.expire(sequence, u64::MAX);
             }
