@@ -1,4 +1,4 @@
-//! Ranges in metres of relative depths, which are known up to scale and shift.
+//! Ranges, in metres, of relative depths, which are known only up to scale and shift.
 
 use super::error::{LineError, within};
 use super::image::DepthKind;
@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 pub enum DepthRange {
     /// A mean and the ratio of the ends: `{"mean_m": 4.0}`.
     Mean {
-        /// Mean z of the valid pixels.
+        /// Mean z (for a panorama, distance along the ray) of the valid pixels.
         mean_m: f64,
         /// Ratio of the far end to the near end.
         #[serde(default = "DepthRange::far_over_near")]
@@ -39,7 +39,7 @@ pub enum DepthRange {
 }
 
 impl DepthRange {
-    /// Returns the default ratio. A room spans 1.5 m to 8 m, a street 5 m to 50 m: 5 to 10. Estimators resolve no more.
+    /// Returns the default ratio: a room spans 1.5 m to 8 m, a street 5 m to 50 m, and estimators resolve no more.
     fn far_over_near() -> f64 {
         8.0
     }
