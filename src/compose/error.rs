@@ -32,7 +32,7 @@ pub enum EvaluateError {
     #[error(transparent)]
     Method(Box<dyn std::error::Error + Send + Sync>),
     #[error(
-        "{} has no picture with ground truth ({left_out_count} pictures without a partner); give a folder with blended/ and transmission_layer/, with NAME-input.png and NAME-label1.png, or with SIR2's m.jpg and g.jpg",
+        "{} has no picture with ground truth ({left_out_count} files or folders left out); give a folder with blended/ and transmission_layer/, with NAME-input.png and NAME-label1.png, or with SIR2's m.jpg and g.jpg",
         path.display()
     )]
     NoPairs { path: PathBuf, left_out_count: usize },

@@ -1,4 +1,4 @@
-//! Fits the gain that brings the inputs of a subject closest to the truth. Every table has a row for this gain.
+//! Fits the gain that brings the inputs of a subject closest to the truth. Tables have a row for a fitted gain.
 
 use super::error::EvaluateError;
 use super::gain::best_gain;
@@ -10,14 +10,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const MOST_PICTURES: usize = 64;
 const MOST_PIXELS: u64 = 200_000_000;
 
-/// The best factor for the linear light of the inputs.
+/// The best factor for the linear light of the inputs, and the pictures to which it was fitted.
 #[derive(Clone, Debug, Serialize)]
 pub struct Gain {
     pub factor: f64,
-    /// Folder of the fitted pictures.
+    /// Path of the folder or run with the fitted pictures.
     pub fitted_to: String,
     pub images: usize,
-    /// Noun for the pictures: `pair`, `train scene`.
+    /// Noun for a picture: `pair` or `train scene`.
     #[serde(skip)]
     pub kind: &'static str,
 }
@@ -28,7 +28,7 @@ impl Gain {
     }
 }
 
-/// Fits the gain to the first readable pictures, and lists unreadable pictures. The gain is `None` without pictures.
+/// Fits the gain to the first readable pictures, and lists unreadable pictures. Returns no gain if none is readable.
 pub fn fit_gain(
     subject: &dyn Subject,
     place: String,

@@ -27,7 +27,7 @@ pub(super) enum Layout {
     CeilNet,
 }
 
-/// Returns the role of all pictures in a folder of this name.
+/// Returns the role of all pictures in the layer folder `name`, or `None` if it is not the name of a layer folder.
 pub(super) fn layer_folder(name: &str) -> Option<Role> {
     match name {
         "blended" => Some(Role::Blended),
@@ -38,21 +38,21 @@ pub(super) fn layer_folder(name: &str) -> Option<Role> {
     }
 }
 
-/// Strips the ending of a readable picture from a name.
+/// Strips the ending `.jpg`, `.jpeg` or `.png` from a name; returns `None` for other endings.
 pub(super) fn picture_stem(name: &str) -> Option<&str> {
     let (stem, ending) = name.rsplit_once('.')?;
     let known = ["jpg", "jpeg", "png"];
     known.iter().any(|k| ending.eq_ignore_ascii_case(k)).then_some(stem)
 }
 
-/// True if a file is a picture in an unsupported format.
+/// True if a file name has the ending of an unsupported picture format.
 pub(super) fn is_other_picture(name: &str) -> bool {
     let others = ["bmp", "gif", "tif", "tiff", "webp", "ppm", "pgm", "exr", "hdr", "heic", "avif"];
     name.rsplit_once('.')
         .is_some_and(|(_, ending)| others.iter().any(|k| ending.eq_ignore_ascii_case(k)))
 }
 
-/// Returns the layout and role of a picture outside layer folders, and its pair's name: empty for the folder's name.
+/// Returns layout, role and pair name of a picture outside layer folders. An empty name means the folder's name.
 pub(super) fn recognise(stem: &str) -> Option<(Layout, Role, String)> {
     let letter = |letter: &str| match letter {
         "m" => Some(Role::Blended),

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// Depth limit of the search, which also ends link cycles.
 const MAX_DEPTH: usize = 16;
 
-/// A picture with its truth.
+/// The files of a picture, of its truth and, if they exist, of its reflections.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pair {
     /// Common name of the files, with their folders: `real20/4`.
@@ -28,14 +28,14 @@ pub struct Pair {
 pub struct Found {
     /// Pairs sorted by the bytes of their names: `103` before `22`.
     pub pairs: Vec<Pair>,
-    /// Files and folders outside of pairs, with reasons, sorted by path.
+    /// Files and folders that were left out, with reasons, sorted by path.
     pub left_out: Vec<(PathBuf, String)>,
 }
 
-/// Finds the pairs of a folder and of all folders below it, in any mixture of the layouts in `layout.rs`.
+/// Finds the pairs of a folder and of the folders below it, in any mixture of the layouts in `layout.rs`.
 ///
-/// Lists pictures without a partner, with ambiguous names or in other formats with the reason. Ignores hidden files,
-/// and files outside layer folders that are not pictures.
+/// Lists the files and folders that it leaves out, such as pictures without a partner or in other formats. Ignores
+/// hidden files and folders, and files outside layer folders that are not pictures. A folder without pairs is an error.
 pub fn find_pairs(dir: &Path) -> Result<Found, EvaluateError> {
     let mut search = Search::default();
     search.folder(dir, dir, "", 0)?;
@@ -49,7 +49,7 @@ pub fn find_pairs(dir: &Path) -> Result<Found, EvaluateError> {
     Ok(found)
 }
 
-/// Files by pair and role.
+/// The files found so far, by pair and role, and the files and folders left out.
 #[derive(Default)]
 struct Search {
     by_name: BTreeMap<(String, Layout), [Vec<PathBuf>; 4]>,
@@ -116,7 +116,7 @@ impl Search {
         Ok(())
     }
 
-    /// Lists names and paths of the entries that are not hidden.
+    /// Lists the names and paths of the entries that are not hidden. Leaves out names that are not UTF-8.
     fn entries(&mut self, dir: &Path) -> Result<Vec<(String, PathBuf)>, EvaluateError> {
         let failed = |source| EvaluateError::Read { path: dir.to_owned(), source };
         let mut entries = Vec::new();
@@ -188,7 +188,7 @@ impl Search {
 
 const NO_PICTURE: &str = "is not a .jpg, .jpeg or .png file; save it as one";
 
-/// Returns the folder's own name, or `picture` for a path without a name.
+/// Returns the folder's own name, or `picture` for a path without a name in UTF-8.
 fn last_part(dir: &Path) -> String {
     let name = dir.file_name().and_then(|name| name.to_str());
     name.unwrap_or("picture").to_owned()
@@ -305,7 +305,7 @@ mod tests {
     fn folders_without_pairs_are_errors() {
         let dir = folder(&["a.png", "b-input.png", "notes.txt"]);
         let error = find_pairs(dir.path()).unwrap_err().to_string();
-        assert!(error.contains("(2 pictures without a partner)"), "{error}");
+        assert!(error.contains("(2 files or folders left out)"), "{error}");
         let error = find_pairs(&dir.path().join("none")).unwrap_err();
         assert!(matches!(error, EvaluateError::Read { .. }), "{error}");
     }

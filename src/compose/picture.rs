@@ -1,6 +1,6 @@
 //! Reads pictures as upright 8-bit RGB.
 //!
-//! Treats samples as sRGB codes. Ignores colour profiles and gamma chunks, like the programs of published scores.
+//! Treats samples as sRGB codes. Ignores colour profiles and gamma chunks, like the programs behind published scores.
 
 use super::EvaluateError;
 use image::codecs::{jpeg::JpegDecoder, png::PngDecoder};
@@ -15,7 +15,7 @@ use std::path::Path;
 const PNG_MAGIC: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
 const JPEG_MAGIC: [u8; 2] = [0xff, 0xd8];
 
-/// Reads a PNG or JPEG file, with any ending of its name. See [`decode_picture`].
+/// Reads a PNG or JPEG file; the ending of its name does not matter. See [`decode_picture`].
 pub fn read_picture(path: &Path) -> Result<RgbImage, EvaluateError> {
     let bytes =
         fs::read(path).map_err(|source| EvaluateError::Read { path: path.to_owned(), source })?;
@@ -60,7 +60,7 @@ pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateErr
     })
 }
 
-/// Rounds a 16-bit code to 8 bits. An 8-bit code covers 257 codes of 16 bits.
+/// Rounds a 16-bit code to 8 bits. The 8-bit code c and the 16-bit code 257 c have the same value.
 fn narrow(code: u16) -> u8 {
     ((u32::from(code) + 128) / 257) as u8
 }

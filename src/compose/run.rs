@@ -12,9 +12,9 @@ use rayon::prelude::*;
 use std::error::Error;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Number of pictures in memory at once, with the outputs of all methods.
+/// Largest number of pictures in memory at once, with the outputs of all methods.
 const AT_ONCE: usize = 8;
-/// Number of pictures kept for the grid.
+/// Largest number of pictures kept for the grid of pictures.
 const KEPT: usize = 4;
 
 /// A method that makes a picture from an input.
@@ -44,9 +44,9 @@ impl Method for Gain {
 
 #[derive(Default)]
 pub struct Scored {
-    /// Names of the methods: `input`, the gain, and the given methods.
+    /// Names of the methods: `input`, the gain (if it was fitted), and the given methods.
     pub methods: Vec<String>,
-    /// Rows sorted by method, then by picture.
+    /// Rows in the order of the methods, then of the pictures; empty if the run was stopped.
     pub rows: Vec<Row>,
     pub left_out: Vec<LeftOut>,
     /// Reduced outputs of every method, and the truth, for some evenly spaced pictures.
@@ -56,8 +56,8 @@ pub struct Scored {
     pub stopped: bool,
 }
 
-/// Scores every picture unprocessed, with the gain, and by every method. Leaves out unreadable pictures for all
-/// methods, so that means cover the same pictures. Calls `on_picture` after each; `shrink` reduces the kept pictures.
+/// Scores every picture unprocessed, with the gain and by every method. Leaves out unreadable or small pictures for all
+/// methods, so that all means are over the same pictures. Calls `on_picture` for each; `shrink` reduces kept pictures.
 pub fn run(
     subject: &dyn Subject,
     gain: Option<&Gain>,
@@ -133,7 +133,7 @@ pub fn run(
     Ok(all)
 }
 
-/// Reads a picture that all methods accept, and measures the shift of its ground truth, px.
+/// Reads a picture, checks its size, and measures the shift of its truth, px; `None` if the subject is aligned.
 fn readable(
     subject: &dyn Subject,
     index: usize,
@@ -200,7 +200,7 @@ mod tests {
         path
     }
 
-    /// Makes five pairs: equal, darker, small, with different sizes, and with a missing picture.
+    /// Makes five pairs: equal pictures, a darker input, small pictures, different sizes, and a missing input.
     fn pairs(folder: &Path) -> Vec<Pair> {
         let sizes = [
             ("equal", [24, 20], [24, 20], 1.0),

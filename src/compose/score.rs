@@ -110,7 +110,7 @@ fn square_sums(a: &RgbImage, b: &RgbImage) -> [u64; 3] {
 }
 
 /// Converts 8-bit colours to grey like OpenCV: weights 0.299, 0.587, 0.114 in units of 2^-15, rounded. Rounding the
-/// exact sum instead differs by one code for 1 colour in 700.
+/// exact sum instead would differ by one code for about 1 colour in 800.
 pub(super) fn grey(image: &RgbImage) -> Vec<u8> {
     let of = |&Rgb([r, g, b]): &Rgb<u8>| {
         (u32::from(r) * 9798 + u32::from(g) * 19235 + u32::from(b) * 3735 + (1 << 14)) >> 15

@@ -6,7 +6,7 @@ use image::RgbImage;
 use serde::Serialize;
 use std::error::Error;
 
-/// A picture and its ground truth, of equal size.
+/// A picture and its ground truth.
 pub struct WithTruth {
     pub input: RgbImage,
     pub truth: RgbImage,
@@ -20,7 +20,7 @@ pub enum Unread {
     Fatal(Box<dyn Error + Send + Sync>),
 }
 
-/// A picture without scores.
+/// A picture or file without scores, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
     /// Name of the picture, or path of its file.
@@ -36,11 +36,11 @@ pub trait Subject: Sync {
     fn read(&self, index: usize) -> Result<WithTruth, Unread>;
     /// True if pictures and truths are aligned by construction, so that their shifts need no measurement.
     fn is_aligned(&self) -> bool;
-    /// Returns the noun for a picture: `pair`, `train scene`.
+    /// Returns the noun for a picture: `pair` or `train scene`.
     fn kind(&self) -> &'static str;
 }
 
-/// Reads a pair and checks its sizes.
+/// Reads a picture and its truth, and checks that their sizes are equal.
 pub(super) fn read(subject: &dyn Subject, index: usize) -> Result<WithTruth, Unread> {
     let pair = subject.read(index)?;
     let ([w, h], [tw, th]) = (size(&pair.input), size(&pair.truth));

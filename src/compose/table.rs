@@ -12,13 +12,13 @@ pub struct Row {
     pub image: String,
     pub width: u32,
     pub height: u32,
-    /// Distance between picture and ground truth, px; `None` for rendered pairs, which are aligned by construction.
+    /// Length of the shift between picture and truth, px; `None` for rendered pairs, which are aligned by construction.
     pub shift_px: Option<f64>,
     pub scores: Scores,
 }
 
 impl Row {
-    /// True if the measured shift is small, or if no shift was measured.
+    /// True if the shift is at most [`MAX_ALIGNED_SHIFT_PX`], or if no shift was measured.
     pub fn is_aligned(&self) -> bool {
         self.shift_px.is_none_or(|shift| shift <= MAX_ALIGNED_SHIFT_PX)
     }
@@ -58,7 +58,7 @@ pub fn means_table(rows: &[Row], protocol: Protocol) -> String {
     text
 }
 
-/// Formats a Markdown table with padded cells. The first row is the head; the columns after `left` have numbers.
+/// Formats a Markdown table with padded cells. The first row is the head; the first `left` columns are left-aligned.
 pub fn markdown_table(rows: &[Vec<String>], left: usize) -> String {
     let columns = rows.first().map_or(0, Vec::len);
     let cell = |row: &Vec<String>, k: usize| row.get(k).cloned().unwrap_or_default();
@@ -229,7 +229,7 @@ mod tests {
         assert!(text.contains("|ours|1|inf|"), "{text}");
         assert!(text.contains("more than 1.5 px between picture and truth: a. Means"));
         assert_eq!(packed(&means_table(&[], Protocol::Both)), HEAD);
-        // If all pairs are shifted, the second table is empty.
+        // If all pairs are shifted, the second table has only a head.
         assert!(packed(&means_table(&rows[1..], Protocol::Both)).ends_with(HEAD));
     }
 

@@ -1,13 +1,13 @@
 //! Compares pairs, scores and shifts of published pictures with measurements by other programs (`index.csv`).
 
-#![allow(clippy::print_stdout, reason = "prints measurements, and whether a test was skipped")]
+#![allow(clippy::print_stdout, reason = "prints measurements and skipped tests")]
 
 use super::{find_pairs, read_picture, score, shift_px};
 use image::ImageFormat;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Returns the folder, and the rows of its index that have a ground truth, as maps from column name to value.
+/// Returns the folder, and the index rows with a ground truth as maps from column to value; `None` without an index.
 fn published() -> Option<(PathBuf, Vec<HashMap<String, String>>)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/reflection");
     let Ok(index) = std::fs::read_to_string(root.join("index.csv")) else {
@@ -50,7 +50,7 @@ fn published_pairs_are_found() {
 }
 
 #[test]
-fn published_pairs_have_their_scores_and_shifts() {
+fn scores_and_shifts_of_published_pairs_match_the_index() {
     let Some((root, rows)) = published() else {
         return;
     };

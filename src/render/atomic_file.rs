@@ -1,6 +1,6 @@
 //! Atomic writes of files and folders: temporary name, fsync, rename, fsync of the folder.
 //!
-//! A reader sees a whole file or none; if the write was durable, even after a power cut.
+//! A reader sees a whole file or none. After a durable write, this also holds if the power is cut.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, IntoInnerError, Write};
@@ -15,10 +15,10 @@ pub struct WriteError {
     pub source: io::Error,
 }
 
-/// Prefix of the names of unfinished files.
+/// Prefix of the names of unfinished files and folders.
 const TEMPORARY_PREFIX: &str = ".tmp-";
 
-/// True if `path` is the temporary name of an unfinished file, which a killed process may have left.
+/// True if `path` has the temporary name of an unfinished file or folder, which a killed process may have left.
 pub fn is_temporary(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY_PREFIX))
 }
@@ -57,14 +57,14 @@ pub fn write_relaxed(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
 }
 
 /// A file that is written in parts, for content that does not fit into memory. The file has a temporary name until
-/// [`Self::finish`]; a drop without it removes the file.
+/// [`Self::finish`]; dropping an unfinished value removes the file.
 pub struct PendingFile {
     writer: BufWriter<NamedTempFile>,
     path: PathBuf,
 }
 
 impl PendingFile {
-    /// Starts the file `path`. The folder must exist.
+    /// Creates the temporary file for `path`. The folder must exist.
     pub fn begin(path: &Path) -> Result<Self, WriteError> {
         let file =
             temporary(path).map_err(|source| WriteError { path: path.to_owned(), source })?;
@@ -109,7 +109,7 @@ pub fn settle(folder: &Path) -> Result<(), WriteError> {
 }
 
 /// Creates a folder with all its files atomically: `fill` writes the files into a temporary folder, which is then
-/// renamed to `path`. Replaces an existing folder.
+/// renamed to `path`. An existing folder is removed just before the rename.
 pub fn write_dir<E: From<WriteError>>(
     path: &Path,
     fill: impl FnOnce(&Path) -> Result<(), E>,

@@ -7,7 +7,7 @@ use crate::layer::{Layer, PerLayer};
 use crate::trace::{CELL_PX, PixelMeans, Tile, TileResult};
 use std::sync::Mutex;
 
-/// Rows of a band: one row of an adaptive scene's cells, and few enough that no thread waits long for the last band.
+/// Largest height of a band, px: one row of an adaptive scene's cells, so small that threads wait little at the end.
 pub(crate) const BAND_ROWS: u32 = CELL_PX;
 
 pub(crate) fn bands(tile: Tile) -> u32 {
@@ -20,7 +20,7 @@ fn band(tile: Tile, index: u32) -> Tile {
     Tile { y: tile.y + y, height: BAND_ROWS.min(tile.height - y), ..tile }
 }
 
-/// A shard in bands, so that several threads can trace it.
+/// A shard divided into bands, so that several threads can trace it.
 #[derive(Default)]
 pub(crate) struct BandedShard {
     joined: Mutex<Joined>,
@@ -34,7 +34,7 @@ struct Joined {
 }
 
 impl BandedShard {
-    /// Traces band `index` of the shard's `tile` with `trace`. Returns the whole shard's result after its last band.
+    /// Traces band `index` of the shard's `tile` with `trace`. Returns the shard's result once all bands are finished.
     pub(crate) fn trace(
         &self,
         tile: Tile,
@@ -75,8 +75,8 @@ mod tests {
     use crate::shard::golden_scenes;
     use crate::trace::{Isa, trace_tile};
 
-    /// Bands join to the tile in fixed and adaptive scenes and in every branch of the tracer, even in reverse order.
-    /// Films of 16 x 10 px cut the last band short.
+    /// Bands joined in reverse order equal the whole tile, in fixed and adaptive scenes and in every branch of the
+    /// tracer. Films of 16 x 10 px cut the last band short.
     #[test]
     fn bands_join_to_the_whole_tile() {
         let isa = Isa::detect();

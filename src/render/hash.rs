@@ -10,7 +10,7 @@ pub const fn mix64(mut x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// Returns the output of one SplitMix64 step from the state `key`: a hash without a fixed point at 0.
+/// Returns the output of one SplitMix64 step from the state `key`: a hash that does not map 0 to 0.
 pub const fn splitmix64(key: u64) -> u64 {
     mix64(key.wrapping_add(GOLDEN_GAMMA))
 }
@@ -19,7 +19,7 @@ pub const fn splitmix64(key: u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// The expected numbers are the first of prng.di.unimi.it/splitmix64.c, the reference, from the state 1234567.
+    /// The expected numbers are the first outputs of the reference, prng.di.unimi.it/splitmix64.c, from state 1234567.
     #[test]
     fn numbers_match_the_reference() {
         let drawn = [0u64, 1, 2]

@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ids_never_leave_their_folder() {
+    fn ids_are_safe_file_names() {
         for bad in ["", "a/b", "..", "a b", "é", "a.b", "x\0"] {
             assert!(SceneId::new(bad).is_err(), "{bad:?}");
         }

@@ -45,7 +45,7 @@ impl<'a> SceneJob<'a> {
         bands(self.layout.shard(shard).tile)
     }
 
-    /// Traces one band of a shard. Returns the result of the whole shard after its last band.
+    /// Traces one band of a shard. Returns the result of the whole shard once all its bands are finished.
     pub fn trace_band(&self, shard: &Shard, band: u32, isa: Isa) -> Option<TileResult> {
         self.shards[shard.index as usize].trace(shard.tile, band, |tile| {
             trace_tile(&self.loaded.scene, tile, shard.samples.clone(), isa)
@@ -123,7 +123,7 @@ impl<'a> SceneJob<'a> {
 
 /// Traces all shards of one scene on `threads` threads, in memory. [`crate::Loaded`] also loads and merges.
 ///
-/// Returns `None` if `stop` was set before the end.
+/// Calls `on_shard` after each shard. Returns `None` if `stop` ended the work before all shards were finished.
 pub fn render_partials(
     job: &SceneJob,
     threads: usize,

@@ -7,13 +7,13 @@ use std::ops::{Index, IndexMut};
 /// One of the four images of a scene, in the order of all files and arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Layer {
-    /// I: the scene through the pane with its reflection.
+    /// I: the front scene through the pane, with the reflection.
     Input,
-    /// T: the scene through the pane, refracted but not attenuated.
+    /// T: the front scene through the pane, refracted but not attenuated.
     Transmission,
     /// R~: the reflection in the glass, with its ghosts.
     GlassReflection,
-    /// R: the reflected scene without glass and lens.
+    /// R: the mirrored back scene, without glass and lens.
     CleanReflection,
 }
 
@@ -50,7 +50,7 @@ impl Layer {
         }
     }
 
-    /// Returns the layer of that name.
+    /// Returns the layer with that name, if there is one.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|layer| layer.name() == name)
     }
@@ -68,7 +68,7 @@ impl fmt::Display for Layer {
 pub struct PerLayer<T>(pub [T; 4]);
 
 impl<T> PerLayer<T> {
-    /// Calls `f` for each layer, in order.
+    /// Makes a value for each layer by a call of `f`, in order.
     pub fn of(f: impl FnMut(Layer) -> T) -> Self {
         Self(Layer::ALL.map(f))
     }

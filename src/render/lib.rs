@@ -1,4 +1,4 @@
-//! Renders a scene line and its files to four images, from the decoding of photographs to the writing of tuples.
+//! Renders a scene line and its files to up to four images, from the decoding of photographs to the writing of tuples.
 //!
 //! ```text
 //! line -> formats -> scene -> trace -> shard, partial -> merge        job, Loaded: all steps for one scene, in memory

@@ -14,7 +14,7 @@ use std::sync::atomic::AtomicBool;
 /// Side of the tiles of [`Loaded::render`], px. No pixel depends on this size.
 const TILE_PX: u32 = 64;
 
-/// A scene line and its decoded files, which together determine its pixels.
+/// A scene line and its decoded files, which together determine the pixels.
 ///
 /// ```
 /// use render::Loaded;
@@ -76,7 +76,7 @@ impl Loaded {
         &self.scene
     }
 
-    /// Renders `layers` with `seed` and `spp` in place of the line's values. The images of other layers become empty.
+    /// Replaces the line's seed, `spp` and layers, and renders these layers. The images of other layers become empty.
     ///
     /// The images have the same bits as in a run of a line with this seed, `spp` and these layers.
     /// Panics if `spp` is not a power of two.
@@ -100,7 +100,7 @@ impl Loaded {
 
     /// Renders the line into a tuple, in tiles of `tile_px`, and calls `on_shard` after each shard.
     ///
-    /// Returns `None` if `stop` was set before the end.
+    /// Returns `None` if `stop` ended the work before all shards were finished.
     pub fn tuple(
         &self,
         tile_px: u32,

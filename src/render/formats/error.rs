@@ -1,20 +1,20 @@
-//! Errors in the files of a photograph, panorama or mesh.
+//! Errors in the files of a photograph, panorama or mesh, and in its parameters.
 
 use crate::line::LineError;
 use std::path::PathBuf;
 
-/// An invalid file. Its scene is quarantined with this text.
+/// An invalid file or parameter. The scene is quarantined with this text.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     #[error("{} is empty; write or fetch it again", path.display())]
     Empty { path: PathBuf },
-    /// Magic bytes of a format that is unknown, or not allowed for this file.
+    /// A file with a format that is unknown, or not allowed for its role.
     #[error("{} is {found}; give {expected}", path.display())]
     Format { path: PathBuf, found: String, expected: &'static str },
     #[error("cannot read {} as {format}: {source}; write or fetch it again", path.display())]
     Unreadable {
         path: PathBuf,
-        /// Format of the magic bytes.
+        /// Format according to the magic bytes.
         format: &'static str,
         source: Box<dyn std::error::Error + Send + Sync>,
     },

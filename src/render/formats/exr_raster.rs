@@ -21,12 +21,12 @@ pub(crate) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
     })
 }
 
-/// Reads width and height of the colour image from its header; `file` may hold only its beginning.
+/// Reads the size of the colour image from the header; `file` may hold only the beginning of the file.
 pub(crate) fn color_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
     file.contain(FileFormat::Exr, || Ok(color_layer(file)?.1))
 }
 
-/// Reads width and height of the depth image from its header; `file` may hold only its beginning.
+/// Reads the size of the depth image from the header; `file` may hold only the beginning of the file.
 pub(crate) fn depth_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
     file.contain(FileFormat::Exr, || Ok(depth_layer(file)?.1))
 }
@@ -75,7 +75,7 @@ pub(crate) fn decode_depth(file: &NamedBytes) -> Result<Raster, SceneError> {
     file.contain(FileFormat::Exr, || read_single(file, &depth_layer(file)?.0))
 }
 
-/// Reads the headers of all layers and checks them against the limits.
+/// Reads the headers of all layers. Refuses sizes and channel counts beyond the limits, subsampling and deep data.
 fn headers(file: &NamedBytes) -> Result<Vec<Header>, SceneError> {
     let meta = MetaData::read_from_buffered(Cursor::new(file.bytes.as_slice()), false)
         .map_err(|error| file.unreadable(FileFormat::Exr, error))?;
@@ -154,7 +154,7 @@ struct Pixels {
 }
 
 impl Pixels {
-    /// Fills the image with NaN, so that pixels that no block of the file covers do not become black.
+    /// Makes an image of NaN, so that pixels outside all blocks of the file are invalid instead of black.
     fn new(size: Vec2<usize>, channels: usize) -> Self {
         Self { size, values: vec![f32::NAN; size.area() * channels] }
     }

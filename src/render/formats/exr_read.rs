@@ -8,7 +8,7 @@ use exr::meta::header::Header;
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, read};
 use std::io::Cursor;
 
-/// The channels of an EXR file.
+/// The size and the channels of an EXR file's first part.
 pub struct ExrChannels {
     /// Width, px.
     pub width: usize,
@@ -19,7 +19,7 @@ pub struct ExrChannels {
 }
 
 impl ExrChannels {
-    /// Returns the pixels of a tuple's layer, from `NAME.R`, `NAME.G`, `NAME.B`. An error names the missing channel.
+    /// Returns a tuple's layer from the channels `NAME.R`, `NAME.G` and `NAME.B`. An error names a missing channel.
     pub fn layer(&self, name: &str) -> Result<Vec<[f32; 3]>, String> {
         let of = |colour: &str| {
             let name = format!("{name}.{colour}");
@@ -32,7 +32,7 @@ impl ExrChannels {
     }
 }
 
-/// Decodes the first layer of an EXR file with float channels. An error is a text for the user.
+/// Decodes the first part of an EXR file, and refuses integer channels. An error is a text for the user.
 pub fn decode_exr_channels(bytes: &[u8]) -> Result<ExrChannels, String> {
     let layer = first_layer(bytes)?;
     let mut list = Vec::new();
@@ -67,7 +67,7 @@ pub(crate) fn headers(bytes: &[u8]) -> Result<Vec<Header>, String> {
     Ok(meta.map_err(|e| e.to_string())?.headers.into_vec())
 }
 
-/// Checks that the pixels of the headers take at most `most` bytes.
+/// Checks that the pixels described by the headers take at most `most` bytes.
 pub(crate) fn check_claim(headers: &[Header], most: u128) -> Result<(), String> {
     let bytes = |header: &Header| {
         let size = header.layer_size;
@@ -82,8 +82,8 @@ pub(crate) fn check_claim(headers: &[Header], most: u128) -> Result<(), String> 
 /// Largest compression factor of Deflate.
 const MOST_COMPRESSION: u128 = 1032;
 
-/// Checks an EXR file's headers before the pixels are unpacked, since a damaged header may claim any size: the image
-/// must have `size`, at most `most` channels, and no more pixels than its bytes can hold.
+/// Checks an EXR file's headers before the pixels are unpacked, since a damaged header may claim any size. Every part
+/// must have `size` and at most `most` channels, without subsampling and deep data, and the file must be long enough.
 pub(crate) fn check_headers(bytes: &[u8], size: [u32; 2], most: usize) -> Result<(), String> {
     let headers = headers(bytes)?;
     for header in &headers {

@@ -21,7 +21,7 @@ pub fn encode_rgb_exr(
 }
 
 /// Encodes named layers as the parts of one OpenEXR file, with channels R, G, B. [`ExrPrecision::Half`] rounds values
-/// to halves. A single layer without a name becomes a plain file of one part.
+/// to halves. A single layer with an empty name becomes a plain file of one part.
 pub fn encode_parts_exr(
     parts: &[(&str, &[[f32; 3]])],
     width: u32,

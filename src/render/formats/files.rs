@@ -59,7 +59,7 @@ impl FileFormat {
 }
 
 impl NamedBytes {
-    /// Recognises the format of the file. Errors list the `expected` formats.
+    /// Recognises the format by the magic bytes. The error of an unknown format lists the `expected` formats.
     pub(crate) fn format(&self, expected: &'static str) -> Result<FileFormat, SceneError> {
         match self.bytes.as_slice() {
             [] => Err(SceneError::Empty { path: self.path.clone() }),

@@ -1,7 +1,7 @@
 //! Readers of image, array and mesh files, and a writer of OpenEXR.
 //!
-//! Hostile bytes cause a [`SceneError`], never a panic. Sizes are checked ([`limits`]) before memory of that size is
-//! allocated.
+//! Hostile bytes in a scene's files cause a [`SceneError`], never a panic. Sizes are checked ([`limits`]) before memory
+//! of that size is allocated.
 
 pub(crate) mod error;
 pub(crate) mod exr_raster;

@@ -1,4 +1,4 @@
-//! Reads images from `.npy` files of any element order and type, row by row.
+//! Reads images from `.npy` files in C or Fortran order, with elements of any [`Element`] type, row by row.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
@@ -43,7 +43,7 @@ impl NpyHead {
         self.header.element
     }
 
-    /// Parses the header and checks shape, size and the file's length; `file` may hold only its beginning.
+    /// Parses the header and checks the shape, the size and the file's `length`; `file` may hold only the beginning.
     pub(crate) fn parse(
         file: &NamedBytes,
         length: u64,
@@ -74,7 +74,7 @@ impl NpyHead {
 }
 
 impl<'a> NpyImage<'a> {
-    /// Parses the header and checks shape, size and length.
+    /// Parses the header and checks the shape, the size and the file's length.
     pub(crate) fn parse(
         file: &'a NamedBytes,
         axes: Axes,
@@ -117,17 +117,17 @@ impl<'a> NpyImage<'a> {
         }
     }
 
-    /// Marks the values that are neither 0 nor NaN.
+    /// Returns, for each value, true if it is neither 0 nor NaN.
     pub(crate) fn nonzero(&self) -> Vec<bool> {
         self.values(|value| value != 0.0 && !value.is_nan())
     }
 
-    /// Returns 8-bit values unchanged.
+    /// Returns the values of 8-bit elements unchanged.
     pub(crate) fn bytes(&self) -> Vec<u8> {
         self.decode(|[byte]| byte)
     }
 
-    /// Returns 16-bit values unchanged.
+    /// Returns the values of 16-bit unsigned elements unchanged.
     pub(crate) fn words(&self) -> Vec<u16> {
         self.decode(u16::from_le_bytes)
     }

@@ -99,7 +99,7 @@ impl Element {
     }
 }
 
-/// Reads element type (`f4`) and shape of a `.npy` file from its header.
+/// Reads the element type (such as `f4`) and the shape from the header, and checks that no element is missing.
 pub fn npy_facts(file: &NamedBytes) -> Result<(&'static str, Vec<usize>), SceneError> {
     let failed = |error: NpyError| file.unreadable(FileFormat::Npy, error);
     let header = NpyHeader::parse(&file.bytes).map_err(failed)?;

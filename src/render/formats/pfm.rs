@@ -1,7 +1,7 @@
 //! Portable float maps, a common format of depth estimates and light probes.
 //!
-//! A text header has three lines: `Pf` (grey) or `PF` (RGB), `width height`, and a scale. The sign of the scale is the
-//! byte order (negative: little-endian); its magnitude is ignored, as in other readers. 32-bit floats follow, **the
+//! A text header has three lines: `Pf` (grey) or `PF` (RGB), `width height`, and a scale. The sign of the scale gives
+//! the byte order (negative: little-endian); its magnitude is ignored, as in other readers. 32-bit floats follow, **the
 //! lowest row first** (<https://www.pauldebevec.com/Research/HDR/PFM/>).
 
 use super::error::SceneError;
@@ -9,7 +9,7 @@ use super::files::{FileFormat, NamedBytes};
 use super::limits::check_size;
 use super::raster::{Raster, Samples};
 
-/// Largest length of a word of the header and its white space, bytes.
+/// Largest length of a header word with the white-space byte after it.
 const LINE_BYTES: usize = 64;
 
 pub(crate) struct PfmHead {
@@ -22,7 +22,7 @@ pub(crate) struct PfmHead {
     data_offset: usize,
 }
 
-/// Reads the header and checks it against the file's length; `file` may hold only its beginning.
+/// Reads the header and checks it against the file's `length`; `file` may hold only the beginning.
 pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError> {
     let bad = |what: &str| file.unreadable(FileFormat::Pfm, what.to_owned());
     let mut rest = file.bytes.as_slice();

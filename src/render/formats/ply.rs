@@ -1,4 +1,4 @@
-//! PLY files with vertex colours, ASCII or binary of either byte order.
+//! Reads PLY files with vertex colours, in ASCII or in binary of either byte order.
 //!
 //! This reader replaces a general PLY crate: a number costs a table lookup instead of a call by property name, counts
 //! are checked against the file's length before any allocation, and errors name the element.
@@ -25,7 +25,7 @@ pub(crate) struct Ply {
     pub(crate) empty_faces: u64,
 }
 
-/// Reads the header and checks it against the length of the file; `file` may hold only its beginning.
+/// Reads the header and checks it against the file's `length`; `file` may hold only the beginning.
 pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError> {
     match file.format(USABLE)? {
         FileFormat::Ply => {}
@@ -39,7 +39,7 @@ pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<Header, SceneError>
     Ok(header)
 }
 
-/// Reads names and counts of the elements of a PLY file from its header.
+/// Reads the names and the counts of a PLY file's elements from its header.
 pub fn ply_counts(file: &NamedBytes) -> Result<Vec<(String, u64)>, SceneError> {
     let header = head(file, file.bytes.len() as u64)?;
     Ok(header.elements.into_iter().map(|e| (e.name, e.count)).collect())
@@ -168,7 +168,7 @@ impl Body<'_> {
             Scalar::U16 => word.parse::<u16>().ok().map(f64::from),
             Scalar::I32 => word.parse::<i32>().ok().map(f64::from),
             Scalar::U32 => word.parse::<u32>().ok().map(f64::from),
-            // Rounded to the type, as in a binary file.
+            // The value is rounded to the type, as in a binary file.
             Scalar::F32 => word.parse::<f32>().ok().map(f64::from),
             Scalar::F64 => word.parse().ok(),
         }
@@ -187,7 +187,7 @@ impl Body<'_> {
         self.at == self.bytes.len()
     }
 
-    /// Reads the next number as a count or an index.
+    /// Reads the next number as a count or an index; `None` also if it is out of range.
     fn whole(&mut self, kind: Scalar) -> Option<u32> {
         let value = self.number(kind)?;
         (0.0..=4_294_967_295.0).contains(&value).then_some(value as u32)
@@ -229,7 +229,7 @@ fn read_vertices(
     ply: &mut Ply,
 ) -> Result<(), SceneError> {
     let names = ["x", "y", "z", "red", "green", "blue"];
-    // For each property of the file: the index in `names` and the divisor of the values.
+    // For each property: the index in `names` and the divisor of the values; `None` for a skipped property.
     let mut uses = vec![None; element.properties.len()];
     for (place, name) in names.into_iter().enumerate() {
         let missing = || file.wrong_layout(format!("vertices without {name}"), USABLE);

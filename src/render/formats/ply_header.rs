@@ -84,13 +84,13 @@ pub(crate) struct Element {
 }
 
 impl Element {
-    /// Returns the index of the property of that name.
+    /// Returns the index of the property `name`, if the element has one.
     pub(crate) fn find(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|p| p.name == name)
     }
 
-    /// Returns the least size of an item in the body, bytes: a list may have only its count, an ASCII number needs
-    /// a digit and a space.
+    /// Returns the least size of an item in the body, bytes: a list may have only its count, and an ASCII number
+    /// needs a digit and a space.
     pub(crate) fn least_bytes(&self, coding: Coding) -> u64 {
         let of = |property: &Property| match (coding, property.kind) {
             (Coding::Ascii, _) => 2,

@@ -51,7 +51,7 @@ pub(crate) struct Head {
 }
 
 impl Head {
-    /// Returns the least length of a binary PNM with this header, bytes; `u64::MAX` for a text PNM of unknown length.
+    /// Returns the least length of a P5 or P6 file with this header, bytes; `u64::MAX` for other PNM files.
     pub(crate) fn pnm_bytes(&self, start: &[u8]) -> u64 {
         if !matches!(start, [b'P', b'5' | b'6', ..]) {
             return u64::MAX;
@@ -61,8 +61,8 @@ impl Head {
     }
 }
 
-/// A decoder of the `image` crate after it has read the header, and the code that stands for 1; `None` for the maximum
-/// of the type.
+/// A decoder of the `image` crate that has read the header, and the largest code according to the header of a PNM file;
+/// `None` for other formats.
 type Opened<'a> = (Box<dyn ImageDecoder + 'a>, Option<u32>);
 
 fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError> {
@@ -99,7 +99,7 @@ pub(crate) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneE
 /// Decodes a PNG, JPEG, PNM or Radiance HDR file. Ignores rotation tags, profiles and gamma chunks, because the scene
 /// line defines the meaning of the values.
 ///
-/// The JPEG decoder selects instructions for the machine. No test compares bits between instruction sets.
+/// The JPEG decoder selects instructions for the machine. No test compares its bits between instruction sets.
 pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
     file.contain(format, || {
         if format == FileFormat::Jpeg && !jpeg_is_whole(&file.bytes) {
@@ -130,7 +130,7 @@ pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
     })
 }
 
-/// Checks size and type, and returns them.
+/// Checks the size and the sample type, and returns the [`Head`].
 fn head_of(
     file: &NamedBytes,
     format: FileFormat,
@@ -161,8 +161,8 @@ fn head_of(
     Ok(Head { width, height, channels, sample, rescaled: is_partial || is_narrow })
 }
 
-/// True if an end marker follows the last scan. Neither marker can occur inside a scan. Without this check, the decoder
-/// fills the missing part of a truncated file with grey.
+/// True if an end marker follows the start of the last scan. Neither marker can occur inside a scan. Without this
+/// check, the decoder fills the missing part of a truncated file with grey.
 pub fn jpeg_is_whole(bytes: &[u8]) -> bool {
     let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
     match (last(0xda), last(0xd9)) {

@@ -1,4 +1,4 @@
-//! Ranges in metres of relative depths, which are known up to scale and shift.
+//! Ranges, in metres, of relative depths, which are known only up to scale and shift.
 
 use super::error::{LineError, within};
 use super::image::DepthKind;
@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 pub enum DepthRange {
     /// A mean and the ratio of the ends: `{"mean_m": 4.0}`.
     Mean {
-        /// Mean z of the valid pixels.
+        /// Mean z (for a panorama, distance along the ray) of the valid pixels.
         mean_m: f64,
         /// Ratio of the far end to the near end.
         #[serde(default = "DepthRange::far_over_near")]

@@ -6,7 +6,7 @@ use super::limits;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// An inverse tone curve for sRGB images, which raises linear values near 1 above 1.
+/// An inverse tone curve for sRGB images, which maps linear values near 1 to values above 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Highlights {

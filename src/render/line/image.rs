@@ -23,9 +23,9 @@ pub enum DepthKind {
     Z,
     /// Distance along the ray.
     Distance,
-    /// An estimate of z up to scale and shift: larger is farther. `depth_range` gives metres.
+    /// A depth up to scale and shift (Marigold): larger is farther. `depth_range` gives metres.
     Relative,
-    /// An estimate of 1/z up to scale and shift (MiDaS, Depth Anything): larger is nearer. `depth_range` gives metres.
+    /// An inverse depth up to scale and shift (MiDaS, Depth Anything): larger is nearer. `depth_range` gives metres.
     RelativeInverse,
 }
 
@@ -40,11 +40,11 @@ pub enum Fill {
     Far,
 }
 
-/// Position of the capture camera of the back photograph.
+/// Position of the capture camera of the back side.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Apex {
-    /// At the mirror image of the lens in the front face: R is the mirrored photograph itself.
+    /// At the mirror image of the lens in the front face: R is the mirrored image itself.
     #[default]
     Mirror,
     /// At the lens, turned by 180 degrees about the vertical.

@@ -44,7 +44,7 @@ pub fn parse_jsonl(text: &str) -> Result<Vec<SceneLine>, ManifestError> {
     Ok(lines)
 }
 
-/// Reads a file of one scene, on any number of lines.
+/// Reads and validates a file of one scene, on any number of lines.
 pub fn parse_scene(text: &str) -> Result<SceneLine, ManifestError> {
     parse_at(without_byte_order_mark(text), 1)
 }
@@ -65,7 +65,7 @@ fn without_byte_order_mark(text: &str) -> &str {
     text.strip_prefix('\u{feff}').unwrap_or(text)
 }
 
-/// Parses `json`, which starts at line `first_line` of its file.
+/// Parses and validates `json`, which starts at line `first_line` of its file.
 fn parse_at(json: &str, first_line: usize) -> Result<SceneLine, ManifestError> {
     let scene: SceneLine = serde_json::from_str(json).map_err(|error| {
         let text = error.to_string();

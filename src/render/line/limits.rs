@@ -1,4 +1,4 @@
-//! Ranges of all numbers in scene lines and recipes, in one table.
+//! Ranges of the numbers in scene lines and recipes.
 
 use std::ops::Bound::{self, Excluded, Included, Unbounded};
 use std::ops::RangeBounds;
@@ -25,7 +25,7 @@ impl Limit {
         Self { range: (least, most), grid: Grid::All, allowed }
     }
 
-    /// Returns a range that includes both ends.
+    /// Returns the limit of a range that includes both ends.
     const fn between(least: f64, most: f64, allowed: &'static str) -> Self {
         Self::new(Included(least), Included(most), allowed)
     }
@@ -34,7 +34,7 @@ impl Limit {
         Self { grid, ..self }
     }
 
-    /// True if `value` is allowed. NaN and infinities never are.
+    /// True if `value` is allowed. NaN and infinities are never allowed.
     pub fn contains(&self, value: f64) -> bool {
         let is_on_grid = match self.grid {
             Grid::All => true,
@@ -67,7 +67,7 @@ pub(crate) const BELOW_WHITE: Limit =
 /// Value of white after the curve, linear.
 pub(crate) const WHITE_BECOMES: Limit = Limit::between(1.0, 1.0e6, "1 to 1e6");
 
-/// Returns a row of the table. Most keys without `film`, `camera` or `glass` belong to a side or a source.
+/// Returns the limit of the row `key`, if any. Most keys without `film`, `camera` or `glass` belong to a side.
 #[allow(clippy::match_same_arms, reason = "an arm per group of keys is easier to scan")]
 fn row(key: &str) -> Option<Limit> {
     Some(match key {
@@ -92,7 +92,7 @@ fn row(key: &str) -> Option<Limit> {
         "illuminant_k" => Limit::between(2000.0, 25_000.0, "2000 to 25000 K"),
         "intrinsics.cx" | "intrinsics.cy" => FINITE,
         "intrinsics.size" => Limit::between(1.0, 4_294_967_295.0, "at least 1 px"),
-        // The tracer's limit.
+        // The tracer accepts coordinates up to this limit.
         "pose.translation_m" => Limit::between(-1.0e7, 1.0e7, "-1e7 to 1e7"),
         "depth_m" => RELATIVE_DEPTH_M,
         "yaw_deg" => Limit::between(-360.0, 360.0, "-360 to 360 degrees"),
@@ -102,7 +102,7 @@ fn row(key: &str) -> Option<Limit> {
 }
 
 /// Returns the limit of a number by its key in a scene line or recipe, such as `glass.tilt_deg[1]`, `front.exposure` or
-/// `sources.diode.intrinsics.fx`. Uses the row with the longest end of `key`; ignores an index.
+/// `sources.diode.intrinsics.fx`. Ignores an index, and uses the row of the longest suffix of `key` in the table.
 ///
 /// # Panics
 ///

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 /// An image of all directions around one point: columns are longitudes, rows latitudes, and the centre is +z.
 ///
-/// Replaces a photograph: the loader converts the part that the film sees to a pinhole view.
+/// Replaces a photograph: the loader converts the visible part to a pinhole view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PanoramaFile {
     /// Path of the image: relative to the manifest, or `NAME:path` under a named root.
@@ -22,7 +22,7 @@ pub struct PanoramaFile {
     /// Curve that raises the radiance of clipped sRGB values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub highlights: Option<Highlights>,
-    /// Distances along the rays.
+    /// Distances of the surfaces along the rays.
     #[serde(flatten)]
     pub depth: PanoramaDepth,
     /// Rotation of the view to the right of the panorama's centre.
@@ -49,7 +49,7 @@ pub struct DepthMap {
     pub depth: String,
     /// Metres per unit of the file.
     pub depth_unit_m: f64,
-    /// Kind of the distances: along the ray, or relative. A panorama has no optical axis.
+    /// Kind of the distances: along the ray, or relative. Never z, because a panorama has no optical axis.
     pub depth_kind: DepthKind,
     /// Range of relative distances in metres.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -1,4 +1,4 @@
-//! Resolves the paths of a scene line: relative to the manifest, under a named root, or in an object store.
+//! Resolves the paths of a scene line: absolute, relative to the manifest, under a named root, or in an object store.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -65,12 +65,12 @@ impl Roots {
         }
     }
 
-    /// Sets the folder of `name` and replaces a previous one.
+    /// Sets the folder of the root `name`, and replaces a previous folder.
     pub fn replace(&mut self, name: &str, folder: PathBuf) {
         self.0.insert(name.to_owned(), folder);
     }
 
-    /// Returns the folder of that name.
+    /// Returns the folder of the root `name`, if it exists.
     pub fn get(&self, name: &str) -> Option<&Path> {
         self.0.get(name).map(PathBuf::as_path)
     }
@@ -112,7 +112,7 @@ impl Roots {
     }
 }
 
-/// True if `text` is an address in an object store, such as `s3://BUCKET/KEY`, and not a local path.
+/// True if `text` is a URL of the form `SCHEME://REST`, such as `s3://BUCKET/KEY`, and not a local path.
 pub fn is_url(text: impl AsRef<Path>) -> bool {
     let text = text.as_ref().to_str();
     let scheme = text.and_then(|text| text.split_once("://"));

@@ -1,4 +1,4 @@
-//! `glasshouse.scene/1`: one scene of a manifest with all parameters resolved, in metres and degrees.
+//! `glasshouse.scene/1`: one scene of a manifest with all parameters resolved.
 
 use super::image::{is_default, is_one, is_white, one, white};
 use super::layers::LayerSet;
@@ -33,7 +33,7 @@ impl fmt::Display for Split {
     }
 }
 
-/// One scene: two sides, a pane, a camera, a film.
+/// One scene: two sides, a pane, a camera and a film.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneLine {
@@ -74,14 +74,14 @@ pub struct Film {
     /// error in every layer is below the target. Without a target, every pixel takes `spp` samples.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_error: Option<f64>,
-    /// Orders of the glass's reflection in R~; all if missing. I always has all orders.
+    /// Orders of the glass's reflection in R~; all if missing. The input always contains all orders.
     #[serde(default, skip_serializing_if = "is_default")]
     pub glass_reflection_orders: ReflectionOrders,
     /// Layers to render; all four if missing.
     #[serde(default, skip_serializing_if = "is_default")]
     pub layers: LayerSet,
-    /// Threshold for orders of the glass, linear radiance: an order is dropped if its weight times the largest radiance
-    /// of its side is below the threshold. Default: 7.6e-5, a quarter of an 8-bit sRGB step near black.
+    /// Threshold for orders of the glass, linear radiance: an order other than t0 is dropped if its weight times
+    /// its side's largest radiance is below the threshold. Default: 7.6e-5, a quarter of an 8-bit sRGB step near black.
     #[serde(
         default = "Film::default_order_tolerance",
         skip_serializing_if = "is_default_tolerance"
@@ -137,13 +137,13 @@ pub enum Filter {
     Gaussian,
 }
 
-/// The thin lens and its exposure.
+/// The thin lens, its focus, and the factors on all layers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
     /// Focal length for a frame of 36 x 24 mm, with the frame's diagonal scaled to the film's diagonal.
     pub focal_length_mm: f64,
-    /// Radius of the lens opening; 0 is a pinhole.
+    /// Radius of the lens opening; 0 for a pinhole.
     pub aperture_radius_m: f64,
     /// Plane in focus.
     pub focus: Focus,

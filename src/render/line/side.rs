@@ -63,7 +63,7 @@ impl MeshPose {
     }
 
     /// Returns the largest difference between `rotation` times its transpose and the unit matrix; infinity for a
-    /// reflection and for NaN.
+    /// determinant that is negative, 0 or NaN.
     pub(crate) fn distortion(&self) -> f64 {
         let r = &self.rotation;
         let row = |a: usize, b: usize| (0..3).map(|k| r[a][k] * r[b][k]).sum::<f64>();
@@ -114,7 +114,7 @@ impl Side {
         }
     }
 
-    /// Returns exposure and illuminant.
+    /// Returns mutable references to the exposure and the illuminant.
     pub fn light_mut(&mut self) -> (&mut f64, &mut [f64; 3]) {
         match self {
             Self::Photograph(photograph) => (&mut photograph.exposure, &mut photograph.illuminant),
@@ -123,8 +123,8 @@ impl Side {
         }
     }
 
-    /// Returns the side with the camera's exposure and white balance applied to its light, which is linear, so that the
-    /// order does not matter.
+    /// Returns the side with the camera's exposure and white balance applied to its light. The light is linear, so the
+    /// order of the factors does not matter.
     #[must_use]
     pub fn seen_by(&self, camera: &Camera) -> Self {
         let mut side = self.clone();
@@ -136,7 +136,7 @@ impl Side {
         side
     }
 
-    /// Returns the position of the capture camera, if given.
+    /// Returns the position of the capture camera, if the side has one.
     pub fn apex(&self) -> Option<Apex> {
         match self {
             Self::Photograph(photograph) => photograph.apex,
@@ -173,7 +173,7 @@ impl Side {
         }
     }
 
-    /// Returns the paths of [`Self::paths`], mutable.
+    /// Returns mutable references to the paths of [`Self::paths`].
     pub fn paths_mut(&mut self) -> Vec<&mut String> {
         match self {
             Self::Photograph(p) => [Some(&mut p.color), Some(&mut p.depth), p.mask.as_mut()]

@@ -1,4 +1,4 @@
-//! Checks the fields of a scene line: the ranges of numbers and the presence of paths.
+//! Checks the fields of a scene line, such as the ranges of numbers and the presence of paths.
 
 use super::depth_range;
 use super::error::{LineError, within};
@@ -165,7 +165,7 @@ mod tests {
     fn fields_of_meshes_are_checked() {
         with_back(r#"{"mesh":"m","apex":"camera","pose":{"rotation":[[0,0,1],[0,1,0],[-1,0,0]]}}"#)
             .unwrap();
-        // Five digits of cos and sin 45 degrees.
+        // The elements are cos and sin of 45 degrees to five digits.
         with_back(r#"{"mesh":"m","pose":{"rotation":[[0.70711,0,0.70711],[0,1,0],[-0.70711,0,0.70711]]}}"#)
             .unwrap();
         for (mesh, message) in [

@@ -74,7 +74,7 @@ pub fn assemble(
     Ok((scene, facts))
 }
 
-/// Returns the focus distance; `None` is infinity.
+/// Returns the focus distance, m; `None` for infinity.
 fn focus_distance_m(
     line: &SceneLine,
     front: &Placed,

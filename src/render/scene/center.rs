@@ -1,9 +1,9 @@
-//! The depth of the focus `front_center`.
+//! The depth of a side's centre, for the focus `front_center` or `back_center`.
 
 /// Returns the mean z of the four centre pixels, m.
 ///
-/// Their columns are `width/2 - 1` and `width/2`, in integers, and likewise the rows; a single column or row counts
-/// twice. The nearest valid pixel, never a filled one, replaces a hole. `None` if no pixel is valid.
+/// Their columns are `width/2 - 1` and `width/2`, in integer division, and likewise the rows; a single column or row
+/// counts twice. The nearest valid pixel, never a filled pixel, replaces a hole. `None` if no pixel is valid.
 pub(super) fn front_center_z_m(
     z_m: &[f64],
     valid: &[bool],

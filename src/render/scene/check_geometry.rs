@@ -17,7 +17,7 @@ pub enum GeometryError {
          camera.focal_length_mm ({focal_length_mm}) or reduce camera.aperture_radius_m"
     )]
     Grazing {
-        /// Film point of the worst ray, px.
+        /// Film point of the refused ray, px.
         u: f64,
         v: f64,
         /// Angle between this ray and the pane's normal.
@@ -35,7 +35,7 @@ pub enum GeometryError {
     PaneCutsLens {
         /// Distance of the pane's plane from the lens centre, along the normal.
         plane_distance_m: f64,
-        /// Distance of the lens opening's farthest point along the normal.
+        /// Largest distance of a point of the lens opening from the lens centre, along the normal.
         reach_m: f64,
         distance_m: f64,
     },
@@ -54,7 +54,7 @@ pub fn check_geometry(
     let aperture_radius_m = line.camera.aperture_radius_m;
 
     let reach_m = aperture_radius_m * libm::sqrt((1.0 - normal.z * normal.z).max(0.0));
-    // This comparison and the one below are false for NaN, which is therefore refused, too.
+    // This comparison and that of `is_steep_enough` are false for NaN, so NaN is refused, too.
     let is_clear = plane_distance_m > reach_m;
     if !is_clear {
         return Err(GeometryError::PaneCutsLens {
