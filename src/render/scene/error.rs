@@ -24,7 +24,7 @@ pub enum AssembleError {
     )]
     TooNear {
         side: &'static str,
-        /// Share of the valid pixels.
+        /// Share of the valid depth pixels.
         share: f64,
         distance_m: f64,
         nearest_m: f64,

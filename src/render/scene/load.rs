@@ -130,7 +130,7 @@ pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, Load
     })
 }
 
-/// Decodes one side. Only panoramas call `sight`, because a line uses only a part of them.
+/// Decodes one side. Calls `sight` only for a panorama, because a line uses only a part of a panorama.
 fn decode_side(
     side: &Side,
     files: &SideFiles,

@@ -57,7 +57,7 @@ impl Sight {
         let aperture_radius_m = line.camera.aperture_radius_m;
         let inverse_focus_per_m = match line.camera.focus {
             Focus::Distance { distance_m } => 1.0 / distance_m,
-            // The focus is unknown before both sides are decoded, but is not expected before the pane.
+            // The focus is unknown before both sides are decoded. The pane is the nearest plausible focus.
             Focus::At { at: FocusAt::FrontCenter | FocusAt::BackCenter } => {
                 1.0 / line.glass.distance_m
             }
