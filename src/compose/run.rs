@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Largest number of pictures in memory at once, with the outputs of all methods.
 const AT_ONCE: usize = 8;
-/// Largest number of pictures kept for the grid of pictures.
+/// Largest number of pictures kept for the grid.
 const KEPT: usize = 4;
 
 /// A method that makes a picture from an input.

@@ -44,7 +44,7 @@ pub enum GeometryError {
 /// Refuses a pane that cuts the lens, or that a camera ray meets at more than [`MAX_INCIDENCE_DEG`].
 ///
 /// `inverse_focus_distance_per_m` is 1 / focus distance, and 0 for a focus at infinity. The focus is a parameter
-/// because a focus on a photograph is known only after its file has been read.
+/// because a focus on a side's centre is known only after the side's files have been read.
 pub fn check_geometry(
     line: &SceneLine,
     inverse_focus_distance_per_m: f64,

@@ -23,9 +23,9 @@ pub(super) struct Color {
 
 /// Decodes a colour image in any of its formats.
 ///
-/// Grey becomes three equal channels; alpha is ignored, not multiplied in. Integers are divided by their maximum
-/// (except in EXR), floats are taken unchanged, in single precision, and `transfer` applies to both. `scale` multiplies
-/// red, green and blue of the result.
+/// Grey becomes three equal channels; alpha is ignored, not multiplied in. Integers (except in EXR) are divided by the
+/// maximum of their type, and floats are read in single precision; `transfer` applies to both. `scale` multiplies red,
+/// green and blue of the result.
 pub(super) fn decode(
     file: &NamedBytes,
     transfer: Transfer,
@@ -71,7 +71,7 @@ pub(super) fn decode_expanded(
     Ok(color)
 }
 
-/// Reads width and height from the header of a file of `length` bytes; `file` may hold only its beginning.
+/// Reads the width and the height from the header of a file of `length` bytes; `file` may hold only the beginning.
 pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
     match file.format(FORMATS)? {
         FileFormat::Exr => exr_raster::color_size(file),
@@ -148,7 +148,7 @@ fn pixels<T: Copy>(
     }
 }
 
-/// Returns the largest radiance of any channel; an error if any is NaN, infinite or negative.
+/// Returns the largest radiance of any channel; an error if a value is NaN, infinite or negative.
 fn max_of_radiance(
     file: &NamedBytes,
     radiance: &[[f32; 4]],
@@ -226,7 +226,7 @@ mod tests {
         assert_eq!(linear(&pnm(b"P6 1 1 255 \x00\x33\xff")), [[0.0, 0.2, 1.0, 0.0]]);
         assert_eq!(linear(&pnm(b"P5\n# x\n1 1\n65535\n\x33\x33"))[0][0], 0.2);
         assert_eq!(linear(&pnm(b"P1 2 1 1 0")), [[0.0; 4], [1.0, 1.0, 1.0, 0.0]]);
-        // A maximum other than the type's is scaled, too, to the nearest code.
+        // Codes with a maximum other than that of the type are scaled, too, to the nearest code.
         assert_eq!(linear(&pnm(b"P5 1 1 100 \x14"))[0][0], 0.2);
     }
 
@@ -284,7 +284,7 @@ mod tests {
     #[test]
     fn radiance_hdr_and_float_maps_are_linear() {
         let file = |bytes: &[u8]| NamedBytes { path: "a".into(), bytes: bytes.to_vec() };
-        // Ward's RGBE, Graphics Gems II: mantissa / 256 times 2 to the exponent less 128.
+        // Ward's RGBE (Graphics Gems II): mantissa / 256 * 2^(exponent - 128).
         let rgbe = file(
             b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 1\n\x80\x40\x20\x81\x10\x20\x30\x80",
         );

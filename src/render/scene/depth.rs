@@ -1,4 +1,4 @@
-//! Decodes depth images to distances along the optical axis, in metres.
+//! Decodes depth images to metres, and converts distances along rays to distances along the optical axis.
 
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
@@ -19,7 +19,7 @@ pub(super) struct Depth {
     pub(super) z_m: Vec<f64>,
 }
 
-/// Returns the file's format, if it can hold depths.
+/// Returns the file's format. Refuses JPEG and Radiance HDR, which alter depths.
 fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
     let refuse = |found: &str| Err(file.wrong_format(found.to_owned(), FORMATS));
     match file.format(FORMATS)? {
@@ -41,7 +41,7 @@ fn check_layout(file: &NamedBytes, channels: usize, rescaled: bool) -> Result<()
     Ok(())
 }
 
-/// Reads width and height from the header of a file of `length` bytes; `file` may hold only its beginning.
+/// Reads the width and the height from the header of a file of `length` bytes; `file` may hold only the beginning.
 pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
     let (width, height, channels, rescaled) = match format(file)? {
         FileFormat::Npy => {

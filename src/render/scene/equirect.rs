@@ -8,7 +8,7 @@
 //! u = W (1/2 + atan2(d_x, d_z) / (2 pi)),      v = H (1/2 + atan2(d_y, sqrt(d_x^2 + d_z^2)) / pi)
 //! ```
 //!
-//! with the image's corner at (0, 0) and the centre of pixel (i, j) at (i + 0.5, j + 0.5). Left and right border meet.
+//! with the image's corner at (0, 0) and the centre of pixel (i, j) at (i + 0.5, j + 0.5). The side borders meet.
 //! The first and the last row are repeated beyond the centres of their pixels.
 
 use glam::{DMat3, DVec3};
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn left_and_right_border_meet() {
+    fn the_left_and_right_borders_meet() {
         let row: Vec<[f32; 4]> = (0..8u8).map(|i| [f32::from(i), 0.0, 1.0, 0.0]).collect();
         let pixels = [row.clone(), row.clone(), row.clone(), row].concat();
         // The backward direction is between the last column and the first column.

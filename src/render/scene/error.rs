@@ -15,7 +15,7 @@ pub enum AssembleError {
     /// A pane that cannot be rendered.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
-    /// A photograph with surfaces between the lens and the pane.
+    /// A photograph or panorama with too many depth pixels nearer than the pane.
     #[error(
         "{side} photograph: {:.2} % of its valid depth pixels are nearer than the pane at {distance_m} m \
          (nearest surface {nearest_m:.3} m, at most {:.0} % are allowed): move the pane nearer \
@@ -24,12 +24,12 @@ pub enum AssembleError {
     )]
     TooNear {
         side: &'static str,
-        /// Share of the valid pixels.
+        /// Share of the valid depth pixels.
         share: f64,
         distance_m: f64,
         nearest_m: f64,
     },
-    /// A mesh with vertices between the lens and the pane.
+    /// A mesh with too many vertices between the lens and the pane.
     #[error(
         "{side} mesh: {:.2} % of its vertices in the field of view are nearer than the pane at {distance_m} m \
          (nearest {nearest_m:.3} m, at most {:.0} % are allowed): move the pane nearer (glass.distance_m), or check \
@@ -43,7 +43,7 @@ pub enum AssembleError {
         /// Smallest distance from the lens along the axis.
         nearest_m: f64,
     },
-    /// A mesh without a triangle in front of the lens.
+    /// A mesh without a usable triangle in front of the lens.
     #[error(
         "{side} mesh: none of its {triangles} triangles is in front of the lens: check {side}.unit_m, {side}.pose \
          (the camera looks along +z, +y is down) and the apex"
@@ -76,7 +76,7 @@ pub enum AssembleError {
         /// Depth pixels that a lens ray would cross.
         travel_px: f64,
     },
-    /// A tilted pane that shows, with apex `camera`, directions outside the back photograph.
+    /// A tilted pane that shows, with apex `camera`, directions more than 85 degrees from the back photograph's axis.
     #[error(
         "the pane's tilt {tilt_deg:?} degrees turns the reflected view {angle_deg:.1} degrees away from the back \
          photograph's axis (limit 85): tilt less, or use \"apex\": \"mirror\""

@@ -8,19 +8,19 @@ use serde::{Deserialize, Serialize};
 /// Facts about a loaded scene, stored in partials and `tuple.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneFacts {
-    /// Focus distance; `null` is infinity.
+    /// Focus distance; `null` for infinity.
     pub focus_distance_m: Option<f64>,
     /// Orders of the glass that the tracer follows.
     pub orders: Vec<OrderFact>,
-    /// Upper bound of the light of dropped orders, linear radiance. I lacks the light of both sides, R~ the light of
-    /// the back.
+    /// Upper bound of the light of dropped orders, linear radiance. The input lacks the dropped light of both sides,
+    /// and the glass reflection that of the back.
     pub dropped_tail: Sides,
-    /// Share of depth pixels that the hole filler filled.
+    /// Share of depth pixels that are filled holes; 0 for a mesh.
     pub filled_share: Sides,
-    /// Near and far end of the depth range in metres, for sides with relative depth.
+    /// Ends of the depth range in metres, and the share of clamped pixels, for sides with relative depth.
     #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
     pub relative_depth: SidesWith<RelativeEnds>,
-    /// Share of valid depth pixels nearer than the pane. The tracer uses these pixels nevertheless.
+    /// Share of valid depth pixels, or of a mesh's vertices in view, nearer than the pane. The tracer still uses them.
     pub too_near_share: Sides,
     /// Largest linear radiance.
     pub max_radiance: Sides,

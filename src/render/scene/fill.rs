@@ -1,14 +1,14 @@
 //! Fills holes in inverse depth. A hole is 0; every other value is above 0.
 //!
-//! Planes are linear in inverse depth, so that pull-push interpolates a plane between valid pixels. The bits are
-//! reproducible: one thread, a fixed order, sums in `f64`.
+//! Inverse depth is interpolated, because it is linear across the image of a plane. The bits are reproducible: one
+//! thread, a fixed order, sums in `f64`.
 
 /// Fills holes by pull-push interpolation (Gortler et al., "The Lumigraph", 1996, section 3.5).
 ///
 /// Pull: a coarse pixel is the unweighted mean of the valid pixels among its 2x2 children; the top level is the first
 /// without holes. Push: a hole takes 9/16 of its parent, 3/16 of each of the parent's two neighbours on the hole's
-/// side, 1/16 of the diagonal neighbour; indices are clamped. Valid pixels keep their bits. At least one pixel must be
-/// valid.
+/// side, and 1/16 of the diagonal neighbour; indices are clamped. Valid pixels keep their bits. At least one pixel must
+/// be valid.
 pub(super) fn smooth(inverse_depth_per_m: &mut [f32], width: usize, height: usize) {
     debug_assert!(inverse_depth_per_m.iter().any(|&w| w > 0.0));
     if !inverse_depth_per_m.contains(&0.0) {

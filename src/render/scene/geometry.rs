@@ -1,4 +1,4 @@
-//! Pane, film and capture cameras of a scene line in the lens's coordinates.
+//! Pane, film and back capture camera of a scene line in the lens's coordinates.
 
 use crate::line::{Apex, Filter, SceneLine};
 use crate::trace::{FilmPlane, FilterTable, Lens, Slab};

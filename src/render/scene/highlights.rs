@@ -26,7 +26,7 @@ fn expanded(curve: Highlights, v: f64) -> f64 {
 pub(super) fn expand(pixels: &mut [[f32; 4]], curve: Highlights, scale: [f64; 3]) {
     for pixel in pixels {
         let v = f64::from(pixel[0].max(pixel[1]).max(pixel[2]));
-        // Below the curve, the gain is exactly 1, so that no bit changes.
+        // Up to `above`, the gain is exactly 1, so that the curve changes no bit.
         let gain = if v > curve.above { expanded(curve, v) / v } else { 1.0 };
         for (channel, factor) in pixel.iter_mut().zip(scale) {
             *channel = (f64::from(*channel) * (gain * factor)) as f32;

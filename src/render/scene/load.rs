@@ -55,7 +55,7 @@ pub struct DecodedScene {
 #[serde(transparent)]
 pub struct InputDigests(pub BTreeMap<String, String>);
 
-/// A scene ready to trace, with its facts.
+/// A scene ready to trace, with its facts and the digests of its files.
 pub struct LoadedScene {
     pub scene: Scene,
     /// Facts for partials and `tuple.json`.
@@ -74,7 +74,7 @@ impl LoadedScene {
     }
 }
 
-/// Reads all of a scene's files. Paths are relative to `base` or under a named root.
+/// Reads all of a scene's local files, at the paths that [`Roots::resolve`] returns.
 pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneFiles, LoadError> {
     read_files_by(line, roots, base, &|path| std::fs::read(path))
 }
@@ -121,7 +121,7 @@ pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadErr
 }
 
 /// Decodes the files: the first half of [`load`], for several scenes of the same photographs. Decodes only the part of
-/// a panorama that this line sees.
+/// a panorama that is visible in this line.
 pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, LoadError> {
     Ok(DecodedScene {
         front: decode_side(&line.front.seen_by(&line.camera), &files.front, || Sight::front(line))?,
@@ -130,7 +130,7 @@ pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, Load
     })
 }
 
-/// Decodes one side. Only panoramas call `sight`, because a line uses only a part of them.
+/// Decodes one side. Calls `sight` only for a panorama, because a line uses only a part of a panorama.
 fn decode_side(
     side: &Side,
     files: &SideFiles,

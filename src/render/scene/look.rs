@@ -1,7 +1,7 @@
 //! Checks an input file by its beginning and end.
 //!
-//! Refuses no file that a scene can use: if the header does not decide, the whole file is decoded as for a scene. Does
-//! not check the pixels (NaN, no valid depth).
+//! Refuses no file that a scene can use: if the header is not conclusive, the caller reads the whole file. Does not
+//! check the pixels (NaN, no valid depth).
 
 use super::{color, depth, mask, panorama};
 use crate::formats::error::SceneError;
@@ -9,7 +9,7 @@ use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::{ply, raster};
 use crate::line::Transfer;
 
-/// Number of bytes at a file's start that contain most headers; a JPEG may have a preview before its size.
+/// Number of bytes at a file's start that contain the header of most files; a JPEG may have a preview before its size.
 pub const START_BYTES: usize = 1 << 14;
 /// Number of bytes at a file's end that contain the end marker of a PNG or JPEG.
 pub const END_BYTES: usize = 16;
@@ -42,7 +42,7 @@ pub struct FileEnds {
 pub enum Look {
     /// No error. Holds width and height in pixels; `None` for a mesh.
     Sound(Option<[usize; 2]>),
-    /// The parts do not decide, so the whole file must be read.
+    /// The parts are not conclusive, so the whole file must be read.
     Unsure,
 }
 
@@ -63,7 +63,7 @@ pub fn look(role: FileRole, ends: &FileEnds) -> Result<Look, SceneError> {
 pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<[usize; 2]>, SceneError> {
     let size = size(role, file, file.bytes.len() as u64)?;
     let is_jpeg = file.bytes.starts_with(&[0xff, 0xd8, 0xff]);
-    // A JPEG with an end marker is complete, so that decoding it would only cost time.
+    // A JPEG with an end marker is complete, so decoding it would only cost time.
     if !(is_jpeg && raster::jpeg_is_whole(&file.bytes)) {
         match role {
             FileRole::Color | FileRole::Panorama => {
@@ -96,8 +96,8 @@ fn whole_sphere(file: &NamedBytes, [width, height]: [usize; 2]) -> Result<[usize
     Ok([width, height])
 }
 
-/// True if the file has its format's end marker or length. Also true if the end was not read, and for formats with a
-/// header that was already checked against the length.
+/// True if a PNG or JPEG ends with its end marker, or if a PNM is long enough. Also true for other formats, and if the
+/// end was not read.
 fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
     let end = match &ends.end {
         _ if is_whole => &ends.start.bytes,

@@ -17,7 +17,7 @@ pub(super) struct Mask {
     pub(super) valid: Vec<bool>,
 }
 
-/// Returns the file's format, if it can hold a mask.
+/// Returns the file's format. Refuses JPEG, EXR, PFM and Radiance HDR.
 fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
     match file.format(FORMATS)? {
         format @ (FileFormat::Jpeg | FileFormat::Exr | FileFormat::Pfm | FileFormat::Hdr) => {
@@ -27,7 +27,7 @@ fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
     }
 }
 
-/// Reads width and height from the header of a file of `length` bytes; `file` may hold only its beginning.
+/// Reads the width and the height from the header of a file of `length` bytes; `file` may hold only the beginning.
 pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
     let format = format(file)?;
     if format == FileFormat::Npy {
@@ -38,8 +38,8 @@ pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneEr
     Ok([head.width, head.height])
 }
 
-/// Decodes a mask. Values other than 0 and NaN are valid; in PNG and PNM, pixels with a colour channel above 0. Ignores
-/// alpha.
+/// Decodes a mask. Valid pixels have a value other than 0 and NaN (`.npy`), or a colour channel above 0 (PNG, PNM).
+/// Ignores alpha.
 pub(super) fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
     let raster = match format(file)? {
         FileFormat::Npy => {

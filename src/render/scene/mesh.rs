@@ -1,4 +1,4 @@
-//! Decodes the file of a triangle mesh to polygons in the capture camera's coordinates.
+//! Decodes the file of a mesh to triangles in the capture camera's coordinates.
 
 use super::transfer;
 use crate::formats::error::SceneError;
@@ -13,7 +13,7 @@ use glam::{DMat3, DVec3};
 pub struct Polygons {
     /// Positions in the capture camera's coordinates (+x right, +y down, +z forward).
     pub vertices_m: Vec<DVec3>,
-    /// Linear Rec.709 radiance of each vertex with the exposure applied: red, green, blue, 0.
+    /// Linear Rec.709 radiance of each vertex with exposure and illuminant applied: red, green, blue, 0.
     pub radiance: Vec<[f32; 4]>,
     /// Vertex indices of each triangle.
     pub triangles: Vec<[u32; 3]>,

@@ -4,13 +4,13 @@
 //! order:
 //!
 //! ```text
-//! files (format by magic bytes) -> npy | exr_raster | raster -> depth, mask, color (transfer)
-//!                                                      -> fill, center -> photograph (Sheet)
+//! files (format by magic bytes) -> npy | exr_raster | pfm | raster -> depth, mask, color (transfer)
+//!                                                            -> fill, center -> photograph (Sheet)
 //! ```
 //!
-//! A panorama passes through `window` (the part that the film sees) and `equirect` to `panorama` (Sheet), and a mesh
-//! through `ply_header`, `ply`, `transfer` to `mesh` (Polygons). `assemble` takes either and uses `place`,
-//! `check_geometry`, `near`, `surface`, with the coordinates of `geometry`. `look` checks files by their headers.
+//! A panorama passes through `window` (the visible part) and `equirect` to `panorama` (Sheet), and a mesh through
+//! `ply_header`, `ply` and `transfer` to `mesh` (Polygons). `assemble` takes sheets and meshes and uses `place`,
+//! `check_geometry`, `near` and `surface`, with the coordinates of `geometry`. `look` checks files by their headers.
 //!
 //! Hostile bytes cause a [`SceneError`](crate::formats::SceneError), never a panic. Sizes are checked
 //! ([`crate::formats::limits`]) before memory of that size is allocated. A sheet's bits depend only on the bytes and

@@ -35,8 +35,8 @@ impl Counts {
 }
 
 impl Near<'_> {
-    /// Returns the share nearer than the pane; an error above [`MAX_TOO_NEAR_SHARE`]. `height` maps a point in capture
-    /// coordinates to its distance from the lens along the pane's normal. Meshes are already in the lens's coordinates.
+    /// Returns the share of points nearer than the pane; an error above [`MAX_TOO_NEAR_SHARE`]. `height` maps capture
+    /// coordinates to the distance from the lens along the pane's normal. Meshes are already in the lens's coordinates.
     pub(super) fn share(
         &self,
         side: &'static str,

@@ -1,8 +1,8 @@
-//! Converts the part of a panorama that the film sees to a pinhole view, a sheet like any other.
+//! Converts the visible part of a panorama to a pinhole view, which is a sheet like that of a photograph.
 //!
-//! The view is that of the capture camera. Its window is that of [`super::window`] plus one pixel on every side, so
-//! that no path ends beyond a border. Within [`MAX_VIEW_SIDE`], the view has about as many pixels per radian as the
-//! panorama, and never fewer. Colour is interpolated in linear light, depth as inverse distance along the ray.
+//! The view is that of the capture camera. It covers the window of [`super::window`] and at least one more pixel on
+//! every side, so that no path ends beyond a border. Within [`MAX_VIEW_SIDE`], it has at least about as many pixels per
+//! radian as the panorama and its map. Colour is interpolated in linear light, depth as inverse distance along the ray.
 
 use super::equirect::{Taps, rotation};
 use super::photograph::{Sheet, invert};
@@ -45,7 +45,7 @@ struct Raster {
     rotation: DMat3,
 }
 
-/// Decodes a panorama's files into the sheet that `sight` needs.
+/// Decodes a panorama's files into a sheet that covers `sight`.
 pub(super) fn decode_panorama(
     line: &PanoramaFile,
     files: &PanoramaFiles,
@@ -129,7 +129,7 @@ pub(super) fn decode_panorama(
     })
 }
 
-/// Accepts only full panoramas: twice as wide as high, within a percent.
+/// Accepts only full panoramas: twice as wide as high, within one percent.
 pub(super) fn check_aspect(
     file: &NamedBytes,
     width: usize,
@@ -174,7 +174,7 @@ impl Distances {
 }
 
 impl Raster {
-    /// Makes a view of `window` and a pixel more on every side, with `px_per_rad` or as many as `max_side` allows.
+    /// Makes a view of `window` and one or two more pixels on every side, with `px_per_rad` if `max_side` allows it.
     fn new(window: Window, px_per_rad: f64, max_side: usize, rotation: DMat3) -> Self {
         let Window([across, down]) = window;
         let side = |[least, most]: [f64; 2]| {

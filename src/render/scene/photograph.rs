@@ -16,7 +16,7 @@ pub struct Sheet {
     pub height: usize,
     /// 1/z of each vertex, row by row. Holes are filled, and every value is normal and above 0.
     pub inverse_depth_per_m: Vec<f32>,
-    /// True for measured vertices, false for filled ones.
+    /// True for measured vertices, false for filled vertices.
     pub valid: Vec<bool>,
     /// Share of filled vertices.
     pub filled_share: f64,
@@ -26,7 +26,7 @@ pub struct Sheet {
     pub color_width: usize,
     /// Height of the colour image, texels.
     pub color_height: usize,
-    /// Linear Rec.709 radiance with the exposure applied: red, green, blue, 0, for 16-byte loads.
+    /// Linear Rec.709 radiance with curve, exposure and illuminant applied: red, green, blue, 0, for 16-byte loads.
     pub radiance: Vec<[f32; 4]>,
     /// Largest radiance of any channel.
     pub max_radiance: f32,
@@ -38,8 +38,8 @@ pub struct Sheet {
 
 /// Decodes the files of a photograph and fills the holes of its depth image.
 ///
-/// A hole is a pixel that the mask excludes, or that has a depth of 0, below 0, NaN or infinity. A depth without a
-/// normal `f32` inverse (nearer than about 3e-39 m, farther than 8.5e37 m) is an error, because a placeholder such as
+/// A hole is a pixel that the mask excludes, or that has a metric depth of 0, below 0, NaN or infinity. A depth without
+/// a normal `f32` inverse (nearer than about 3e-39 m, farther than 8.5e37 m) is an error, because a placeholder such as
 /// `FLT_MAX` must not become a surface.
 pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<Sheet, SceneError> {
     validate_side("photograph", &line.clone().into())
@@ -92,8 +92,8 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
     })
 }
 
-/// Decodes width, height and pixels of a linear image: EXR or `.npy`; codes of other formats are taken as linear.
-/// Values must be finite and not negative.
+/// Decodes width, height and pixels of a colour image in any format, with codes taken as linear. Values must be finite
+/// and not negative.
 pub fn decode_linear_image(file: &NamedBytes) -> Result<(usize, usize, Vec<[f32; 3]>), SceneError> {
     let color = color::decode(file, Transfer::Linear, [1.0; 3])?;
     let pixels = color.radiance.iter().map(|&[r, g, b, _]| [r, g, b]);
@@ -117,7 +117,7 @@ fn scale_intrinsics(given: &Intrinsics, width: usize, height: usize) -> Intrinsi
     }
 }
 
-/// Decodes the mask. Without a mask, all pixels are valid.
+/// Decodes the mask and checks its size. Without a mask, all pixels are valid.
 fn read_mask(
     files: &PhotographFiles,
     width: usize,
@@ -140,7 +140,7 @@ fn read_mask(
     })
 }
 
-/// Computes the inverse depth of valid pixels, and 0 in holes. Clears `valid` of pixels without a depth.
+/// Computes the inverse depth of valid pixels, and 0 in holes. Clears `valid` for pixels without finite depth above 0.
 pub(super) fn invert(
     path: &Path,
     depth: &depth::Depth,

@@ -41,14 +41,14 @@ pub(super) struct PlacedMesh {
     facts: MeshFacts,
 }
 
-/// Triangle counts of a mesh.
+/// Counts of a mesh's triangles and faces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MeshFacts {
     /// Number of triangles that are traced, at least in part.
     pub traced: u64,
     /// Number of dropped triangles with two corners at one point, and of faces with fewer than three corners.
     pub degenerate: u64,
-    /// Number of dropped triangles that are wholly behind the lens.
+    /// Number of dropped triangles that are wholly behind the near plane of the lens.
     pub behind: u64,
 }
 
@@ -60,8 +60,8 @@ impl Decoded {
         })
     }
 
-    /// Moves a mesh by `transform`, from capture coordinates to the lens's. Rays start within about `lateral_m` of the
-    /// axis.
+    /// Moves a mesh by `transform`, from capture coordinates to the lens's; sheets stay unchanged. Rays start within
+    /// about `lateral_m` of the axis.
     pub(super) fn place(
         self,
         side: &'static str,

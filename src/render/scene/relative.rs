@@ -1,7 +1,7 @@
 //! Relative depth, which networks estimate from one photograph up to scale and shift. The depth range of the line gives
 //! metres.
 //!
-//! Two percentiles of the valid values become the far and the near end; values beyond them are clamped. In between,
+//! Two percentiles of the valid values become the ends of the range; values beyond them are clamped. In between,
 //! 1/z is linear in a relative *inverse* depth (MiDaS, Ranftl et al., TPAMI 2022; Depth Anything), and z in a relative
 //! depth (Marigold). If only a mean is given, the ends are scaled to match it.
 
@@ -11,7 +11,7 @@ use crate::line::{DepthKind, DepthRange};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The near and far end of a relative depth image.
+/// The ends of a relative depth image, and the share of clamped pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RelativeEnds {
     pub near_m: f64,
@@ -20,8 +20,8 @@ pub struct RelativeEnds {
     pub clamped_share: f64,
 }
 
-/// Converts relative values to metres along the axis. Values may be negative or zero; pixels with values that are not
-/// finite become invalid. A flat image gets a single distance: the mean, or the middle of the ends.
+/// Converts relative values to metres. Values may be negative or zero; pixels with values that are not finite become
+/// invalid. A flat image gets a single distance: the mean, or the middle of the ends (in 1/z for an inverse depth).
 pub(super) fn scale(
     depth: &mut Depth,
     valid: &mut [bool],

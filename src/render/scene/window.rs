@@ -1,4 +1,4 @@
-//! The part of a side that the film can see, which a panorama's view must cover.
+//! The part of a side that is visible on the film, which a panorama's view must cover.
 //!
 //! Every order of the glass is the camera's ray, or its reflection in the front face, shifted along the normal
 //! ([`crate::trace::Slab::kappa_m`]). In the view of the side's capture camera, such a line extends from the sphere of
@@ -57,7 +57,7 @@ impl Sight {
         let aperture_radius_m = line.camera.aperture_radius_m;
         let inverse_focus_per_m = match line.camera.focus {
             Focus::Distance { distance_m } => 1.0 / distance_m,
-            // The focus is unknown before both sides are decoded; surfaces begin at the pane.
+            // The focus is unknown before both sides are decoded. The pane is the nearest plausible focus.
             Focus::At { at: FocusAt::FrontCenter | FocusAt::BackCenter } => {
                 1.0 / line.glass.distance_m
             }
@@ -82,7 +82,7 @@ impl Sight {
         let mut window = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
         let mut include = |point: DVec3| {
             for (side, value) in window.iter_mut().zip([point.x, point.y]) {
-                // A point behind the capture camera extends the window to the limit of a view.
+                // A point behind the capture camera, or beyond 85 degrees, extends the window to the limit of a view.
                 let tangent = if point.z > value.abs() / MAX_TANGENT {
                     value / point.z
                 } else {
@@ -93,7 +93,7 @@ impl Sight {
         };
         for d in &self.directions {
             let d = d.normalize();
-            // `check_geometry` refuses panes at more than 85 degrees to a ray.
+            // `check_geometry` refuses panes with a normal at more than 85 degrees to a ray.
             let gamma = self.slab.gamma(d.dot(self.slab.normal).abs().max(1e-3));
             let direction = self.rotation * d;
             include(direction);
@@ -145,7 +145,7 @@ mod tests {
         let t = 36f64.hypot(24.0) / 110.0 / 2f64.sqrt();
         let line = line(r#""thickness_m":0,"ior":1.5"#, r#","apex":"camera""#);
         let Window([across, _]) = Sight::back(&line).window(2.0);
-        // The ray starts 0.6 m behind and meets the sphere of 2 m: x^2 + y^2 + z^2 = 4 with x = y = t (z + 0.6).
+        // The ray starts at z = -0.6 m and meets the sphere of 2 m: x^2 + y^2 + z^2 = 4 with x = y = t (z + 0.6).
         let z = {
             let (a, b, c) = (1.0 + 2.0 * t * t, 2.0 * t * t * 0.6, 2.0 * t * t * 0.36 - 4.0);
             (-b + (b * b - a * c).sqrt()) / a
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_near_sphere_a_wide_lens_and_thick_glass_open_the_window() {
+    fn a_near_sphere_a_wide_lens_and_thick_glass_widen_the_window() {
         let thin = Sight::front(&line(r#""thickness_m":0.01,"ior":1.5"#, ""));
         let thick = Sight::front(&line(r#""thickness_m":0.04,"ior":1.5"#, ""));
         let width = |window: Window| window.0[0][1];

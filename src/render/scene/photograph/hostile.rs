@@ -40,7 +40,7 @@ fn decode_everywhere(bytes: &[u8]) {
     }
 }
 
-/// Returns small valid files of every kind.
+/// Returns small valid files of most formats.
 fn seeds() -> Vec<Vec<u8>> {
     let floats = || FlatSamples::F32(vec![0.5; 6]);
     let halves = || FlatSamples::F16(vec![::exr::prelude::f16::ONE; 6]);
@@ -87,7 +87,7 @@ fn seeds() -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn no_prefix_of_a_file_panics() {
+fn no_prefix_of_a_file_causes_a_panic() {
     for seed in seeds() {
         for length in 0..seed.len() {
             decode_everywhere(&seed[..length]);
@@ -97,7 +97,7 @@ fn no_prefix_of_a_file_panics() {
 }
 
 #[test]
-fn no_changed_byte_panics() {
+fn no_changed_byte_causes_a_panic() {
     for seed in seeds() {
         for at in 0..seed.len() {
             for value in [0, 1, 0x7f, 0x80, 0xff, seed[at] ^ 1, seed[at] ^ 0x10, b'9'] {
@@ -122,7 +122,7 @@ fn the_seeds_are_valid_files() {
 }
 
 #[test]
-fn no_wrong_size_panics() {
+fn no_wrong_size_causes_a_panic() {
     let ihdr = |width: u32, height: u32| {
         let mut bytes = png(&[1; 18], 3, 2, Png::Rgb8).bytes;
         bytes[16..20].copy_from_slice(&width.to_be_bytes());
@@ -165,7 +165,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(PROPTEST_CASES))]
 
     #[test]
-    fn no_random_damage_panics(
+    fn no_random_damage_causes_a_panic(
         seed in any::<prop::sample::Index>(),
         edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0u8..4), 1..8),
     ) {
@@ -186,7 +186,7 @@ proptest! {
     }
 
     #[test]
-    fn no_random_bytes_after_a_magic_panic(
+    fn no_random_bytes_after_magic_bytes_cause_a_panic(
         magic in 0usize..5, tail in proptest::collection::vec(any::<u8>(), 0..200),
     ) {
         let magics: [&[u8]; 5] = [
