@@ -149,7 +149,8 @@ impl Film<'_> {
         if !around.iter().any(|other| differs(pixel.as_ref(), other.as_ref())) {
             return tone.coded(radiance);
         }
-        // If the sun lights all neighbours, it lights the points between. (Unlit pixels may just face away from it.)
+        // If the sun lights the pixel and its neighbours, it lights all samples. Samples between unlit pixels need
+        // shadow rays, because these pixels may just face away from the sun.
         let is_lit = pixel.iter().chain(around.iter().flatten()).all(|p| p.in_sun);
         let known_sun = is_lit.then_some(true);
         let mut coded = Vec3::ZERO;

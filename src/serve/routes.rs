@@ -1,4 +1,4 @@
-//! Routes of the server: answers or refuses requests.
+//! Routes of the server, which answer or refuse requests.
 
 use super::action::{Action, Token};
 use super::server::FarmSource;
@@ -101,7 +101,7 @@ impl App {
         if !self.is_ours(request) {
             return Err(refuse(
                 StatusCode::FORBIDDEN,
-                "wrong host name: the server listens on this machine only, open it as localhost or 127.0.0.1",
+                "wrong host name: the server listens on this machine only; open it as localhost or 127.0.0.1",
             ));
         }
         let length = headers.get(header::CONTENT_LENGTH);

@@ -68,7 +68,7 @@ impl Vgg {
     }
 
     /// Initialises kernels from a seed (He et al., standard deviation sqrt(2 / (9 channels))) and biases with 0. Random
-    /// features suit the feature loss nearly as well, but contain little semantic information.
+    /// features suit the feature loss nearly as well as trained ones, but contain little semantic information.
     pub fn random(seed: u64, narrow: usize, device: &Device) -> Result<Self> {
         Self::of(narrow, device, |place, [width, channels]| {
             let deviation = (2.0 / (9 * channels) as f64).sqrt();
