@@ -16,7 +16,7 @@ pub(crate) struct Set {
     /// Path below the root of the sets, or [`MOTORCYCLE_DEPTH`].
     pub(crate) depth: &'static str,
     pub(crate) depth_unit_m: f64,
-    /// fx, fy, cx, cy, px; the image's corner is (0, 0).
+    /// fx, fy, cx and cy in px; the image's corner is (0, 0).
     pub(crate) intrinsics: [f64; 4],
 }
 

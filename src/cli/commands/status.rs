@@ -32,8 +32,9 @@ pub(super) struct StatusArgs {
     server: ServerArgs,
 }
 
-/// Largest number of printed entries of each list; below, the same for the screen of --watch.
+/// Largest number of printed entries of each list.
 const SHOWN: usize = 20;
+/// Largest number of entries of each list on the screen of `--watch`.
 const SHOWN_WATCHING: usize = 6;
 /// Least ratio of the time between polls to the duration of a poll.
 const POLL_SHARE: u32 = 10;

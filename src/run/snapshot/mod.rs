@@ -1,7 +1,8 @@
 //! Progress of a run: finished scenes, their workers, and the rate. A snapshot comes from the store; a refresh lists
-//! the keys and reads new objects. `status`, page, metrics, report, coordinator and exit codes all use snapshots.
+//! the keys and reads new objects. The `status` command, the page, the metrics, the report, the coordinator and the
+//! exit codes all use snapshots.
 //!
-//! `state` defines the states, `refresh` reads the store, `status` computes the numbers.
+//! The module `state` defines the states, `refresh` reads the store, and `status` computes the numbers.
 
 mod refresh;
 mod state;
