@@ -9,7 +9,7 @@ use std::io::{self, Read};
 
 /// Remedy for a damaged archive.
 const EXPORT: &str = "`glasshouse export RUN --format webdataset` makes it again";
-/// Maximum number of bytes that are read of a sample's record.
+/// Maximum number of bytes that are read from a sample's record.
 const MAX_RECORD_BYTES: u64 = 1 << 24;
 const SHOWN: usize = 3;
 

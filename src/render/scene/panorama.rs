@@ -17,11 +17,11 @@ use std::f64::consts::TAU;
 /// Largest side of the view, px.
 const MAX_VIEW_SIDE: usize = 2048;
 
-/// Least number of pixels per radian. On a coarser grid, a sphere, flat between vertices, deviates by more than 1e-4 of
-/// its radius.
+/// Least number of pixels per radian. With this number, the flat triangles that approximate a sphere deviate from it by
+/// up to 2e-4 of its radius.
 const MIN_PX_PER_RAD: f64 = 36.0;
 
-/// Largest side of the view for the search of the nearest surface, px.
+/// Largest side of the view that is searched for the nearest surface, px.
 const MAX_SEARCH_SIDE: usize = 512;
 
 /// Distances along the rays of a panorama.
@@ -174,7 +174,8 @@ impl Distances {
 }
 
 impl Raster {
-    /// Makes a view of `window` and one or two more pixels on every side, with `px_per_rad` if `max_side` allows it.
+    /// Makes a view of `window` and one or two more pixels on every side, with at least `px_per_rad` pixels per radian, or
+    /// as many as `max_side` allows.
     fn new(window: Window, px_per_rad: f64, max_side: usize, rotation: DMat3) -> Self {
         let Window([across, down]) = window;
         let side = |[least, most]: [f64; 2]| {
