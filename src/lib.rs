@@ -1,9 +1,9 @@
 //! Glasshouse generates physically based training data for single-image reflection removal.
 //!
-//! Glasshouse turns two RGBD photographs into 3D sheets, puts a pane of glass between them and a thin lens in front,
-//! and renders four exact images: `input` (I), `transmission` (T), `glass_reflection` (R~) and `clean_reflection` (R).
-//! The method follows Kim, Huo and Yoon, "Single Image Reflection Removal with Physically-Based Training Images", CVPR
-//! 2020.
+//! Glasshouse turns two RGBD photographs into 3D sheets, puts a pane of glass and a camera with a thin lens between
+//! them, and renders four exact images: `input` (I), `transmission` (T), `glass_reflection` (R~) and `clean_reflection`
+//! (R). The method follows Kim, Huo and Yoon, "Single Image Reflection Removal with Physically-Based Training Images",
+//! CVPR 2020.
 //!
 //! Each stage is a separate crate, independent of runs, queues and the command line:
 //!

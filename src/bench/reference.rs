@@ -55,7 +55,7 @@ fn reference_line(line: &SceneLine, spp: u32) -> SceneLine {
     line
 }
 
-/// Computes a digest of a line and the digests of its input files.
+/// Computes one digest of a scene line and its input files.
 fn digest(scene: &BenchScene, line: &SceneLine) -> String {
     let inputs = serde_json::to_string(&scene.photographs.inputs)
         .expect("digests are a map of strings to strings");

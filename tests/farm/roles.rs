@@ -35,9 +35,9 @@ fn a_farm_works_over_tls_with_the_shipped_configuration() {
     assert_same(&tuples(&place.run), reference());
 }
 
-/// The message names the cause, the certificate or the authorization, and never contains the seed.
+/// The message names the cause (the certificate or the authorization) and never contains the seed.
 #[test]
-fn a_wrong_key_or_authority_is_reported() {
+fn a_missing_key_or_certificate_authority_is_reported() {
     let Some(server) = SecureNats::start() else {
         return;
     };
@@ -60,7 +60,7 @@ fn a_wrong_key_or_authority_is_reported() {
         assert!(!line.contains(seed.trim()), "{line}");
     };
     let (ca, key) = (server.key("worker", "ca.pem"), server.key("observer", "nkey"));
-    // The program does not have the server's authority.
+    // The program does not trust the server's certificate authority.
     says(&["--queue-nkey", text(&key)], &["waiting for the queue", "certificate"]);
     // The program has no key.
     says(&["--queue-ca", text(&ca)], &["waiting for the queue", "authorization"]);

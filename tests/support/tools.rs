@@ -71,7 +71,7 @@ pub(crate) fn content(output: &Output) {
 pub(crate) fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
     let start = Instant::now();
     while !is_so() {
-        assert!(start.elapsed() < LONGEST, "{what} does not happen");
+        assert!(start.elapsed() < LONGEST, "timed out waiting for {what}");
         std::thread::sleep(Duration::from_millis(5));
     }
 }

@@ -167,7 +167,7 @@ fn meshes() -> Vec<(&'static str, Vec<u8>)> {
     vec![("text.ply", text.into_bytes()), ("little.ply", little), ("big.ply", big)]
 }
 
-/// Returns seeds of `inspect`: files of an export and of a training.
+/// Returns seeds of `inspect`: files of an export and of a training run.
 fn of_an_export_and_a_training() -> Vec<(&'static str, Vec<u8>)> {
     let mut shard = tar::Builder::new(vec![]);
     let picture = png(&[7; 12], 2, 2, Png::Rgb8);
