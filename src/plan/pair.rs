@@ -31,9 +31,9 @@ impl Pair<'_> {
     }
 }
 
-/// Makes `count` pairs from the two or more photographs of `subset`: an indoor and an outdoor one if both exist, else
-/// two of different scans if possible. Uses all photographs of a place equally often as front and as back, unless all
-/// are of one place and most are of one scan.
+/// Makes `count` pairs from the two or more photographs of `subset`. Each pair has an indoor and an outdoor photograph
+/// if both exist, else two of different scans if possible. Uses all photographs of a place equally often as front and
+/// as back, unless all are of one place and most are of one scan.
 /// The shuffles depend on `key` and the seed.
 pub(super) fn pairs<'a>(
     dataset_seed: u64,

@@ -34,7 +34,11 @@ pub(super) fn metrics(view: &FarmView) -> String {
         "Finished scenes per second, over the last minutes.",
         view.rate_scenes_per_s,
     );
-    out.one("eta_seconds", "Seconds until the last tuple at this rate.", view.eta_s);
+    out.one(
+        "eta_seconds",
+        "Seconds until the last tuple, by the rate of shards, or else by the rate of scenes.",
+        view.eta_s,
+    );
     let connected = Some(u8::from(view.queue.connected).into());
     out.one("queue_connected", "1 if the coordinator is connected to the queue.", connected);
     let waiting = view.queue.spans_waiting.map(|n| n as f64);

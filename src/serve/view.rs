@@ -29,7 +29,7 @@ pub struct FarmView {
     pub quarantined: u64,
     /// Finished scenes per second over the last minutes; `null` if unknown.
     pub rate_scenes_per_s: Option<f64>,
-    /// Seconds until the last tuple at this rate; `null` if unknown.
+    /// Seconds until the last tuple, by the rate of shards, or else by the rate of scenes; `null` if unknown.
     pub eta_s: Option<f64>,
     pub queue: QueueView,
     /// Known workers, in no particular order.

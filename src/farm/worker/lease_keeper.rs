@@ -81,7 +81,7 @@ impl LeaseKeeper<'_, '_> {
         count
     }
 
-    /// Renews all leases. A worker that hangs instead requeues its unopened tasks and calls `on_hung`.
+    /// Renews all leases. If this worker hangs, requeues its unopened tasks and calls `on_hung` instead.
     fn renew(&self) {
         let (worker, queue) = (self.worker, self.shared.queue);
         let hang = worker.options.hang;
