@@ -153,7 +153,8 @@ fn text(report: &ErrorReport) -> String {
     text
 }
 
-/// Formats a table with one row for each layer: slopes, and error and CPU time at the last rung, of each variant.
+/// Formats a table with one row for each layer. A row has the slopes of each variant, and its error and CPU time at the
+/// last rung.
 fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
     let top = rows.iter().map(|row| row.spp).max().unwrap_or(0);
     let heads =

@@ -41,7 +41,7 @@ pub fn main() -> ExitCode {
         }
     };
     let output = Output::new(&args.global);
-    // Queue and store each link a TLS provider; without a default, the first connection panics.
+    // The stores' HTTP client has no TLS provider of its own; without a default, the first connection panics.
     let _ = rustls::crypto::ring::default_provider().install_default();
     let result = args.run(&output);
     match result {

@@ -110,7 +110,8 @@ fn unknown(input: &Input, kind: Kind) -> Inspection {
                 |schema| format!("its first bytes lack the schema {schema:?}"),
             );
             let words = kind.words();
-            Problem::new(format!("its name is that of a {words}, but {expected}: {start}"), AGAIN)
+            let what = format!("its name belongs to the kind \"{words}\", but {expected}: {start}");
+            Problem::new(what, AGAIN)
         }
     };
     found.wrong(problem);
@@ -121,7 +122,7 @@ fn unknown(input: &Input, kind: Kind) -> Inspection {
 mod tests {
     use super::*;
 
-    /// Truncated and changed bytes of any kind never make a reader panic; exactly the files with problems are damaged.
+    /// The inspection of truncated and changed bytes never panics; exactly the files with problems are damaged.
     #[test]
     fn hostile_bytes_become_problems() {
         let beginnings: &[&[u8]] = &[

@@ -9,8 +9,8 @@ use render::ids::SceneId;
 use render::line::{Film, Photograph, Side};
 use std::collections::BTreeMap;
 
-/// Finds the values of all `"from_source"` parameters: `back.*` in the back's record, others in the front's. The
-/// default of the focal length is that of the front photograph's camera.
+/// Finds the values of all `"from_source"` parameters: `back.*` in the back's record, others in the front's. If
+/// the record lacks the focal length, computes it from the front photograph with [`focal_length_mm`].
 pub(super) fn source_values(
     recipe: &Recipe,
     id: &SceneId,

@@ -75,8 +75,8 @@ mod tests {
     use crate::shard::golden_scenes;
     use crate::trace::{Isa, trace_tile};
 
-    /// Bands joined in reverse order equal the whole tile, in fixed and adaptive scenes and in every branch of the
-    /// tracer. Films of 16 x 10 px cut the last band short.
+    /// Bands joined in reverse order equal the whole tile, in fixed and adaptive scenes and in most branches of
+    /// the tracer. Films of 16 x 10 px cut the last band short.
     #[test]
     fn bands_join_to_the_whole_tile() {
         let isa = Isa::detect();
