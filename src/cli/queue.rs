@@ -17,7 +17,7 @@ pub(super) fn store(run: &Path, args: &QueueArgs) -> Result<Store, Failure> {
     })
 }
 
-/// Copies the run's spec and manifest from the store of `--store` to a machine that has only the store.
+/// Copies the run's spec and manifest from the store of `--store` into the folder `run`, unless the folder has a spec.
 pub(super) fn fetch_run(run: &Path, args: &QueueArgs) -> Result<(), Failure> {
     match &args.store {
         None => Ok(()),

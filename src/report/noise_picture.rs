@@ -29,7 +29,7 @@ const COLOURS: [[u8; 3]; 9] = [
     [0xfd, 0xe7, 0x25],
 ];
 
-/// Draws the maps of all made layers in one picture, two in a row. Also returns these layers' symbols, in order.
+/// Draws all layers with a map in one picture, two per row. Also returns these layers' symbols, in order.
 pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<&'static str>) {
     let mut made = Layer::ALL.to_vec();
     made.retain(|&layer| !map.layers[layer].is_empty());

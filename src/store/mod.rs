@@ -159,7 +159,8 @@ impl Store {
                 Err(error) => match self.get_async(key).await {
                     // Another process was first, and removed the unfinished file of this put.
                     Ok(Some(there)) if there == bytes => return Ok(Put::Same),
-                    // A finished run is cleaned up once, a finished scene once by each worker that finished it.
+                    // A finished run is cleaned up once. A finished scene is cleaned up once by each worker that
+                    // finished it.
                     Ok(None) if cleared_away < CLEARED_AWAY && is_cleared_away(&error) => {
                         cleared_away += 1;
                         continue;
