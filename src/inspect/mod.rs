@@ -7,13 +7,11 @@
 //! Readers take bytes (or a stream) and return facts; only `file` and `folder` access the disk. Hostile bytes become a
 //! [`Problem`], never a panic, and the sizes in a header are checked before memory is allocated for them.
 
-// Findings.
 mod kind;
 
 mod facts;
 mod input;
 
-// Generic readers.
 mod digests;
 mod record;
 
@@ -23,7 +21,6 @@ mod picture;
 #[cfg(feature = "train")]
 mod tensors;
 
-// Special readers.
 mod archive;
 mod manifest;
 mod partial;

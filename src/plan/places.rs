@@ -85,7 +85,7 @@ impl DepthRanges {
         Ok(table)
     }
 
-    /// Finds the category of a photograph, and its name, by the photograph's path.
+    /// Finds the category of a photograph by the photograph's path. Returns the category's name and its entry.
     fn category_of<'t, 'p>(&'t self, path: &'p str) -> Option<(&'p str, &'t Category)> {
         let (mut folder, _) = path.rsplit_once('/')?;
         while let Some((first, rest)) = folder.split_once('/')

@@ -35,8 +35,8 @@ pub(super) fn damaged(scenes: &[(SceneId, String)]) -> Markup {
         div.alert #damaged {
             h3 { "Damaged tuples" }
             p {
-                "The tuples of these scenes cannot be used and are not shown: "
-                code { "glasshouse retry RUN SCENE --anew" } ", then " code { "glasshouse work RUN" } " make them again."
+                "The tuples of these scenes cannot be used and are not shown. To make them again, run "
+                code { "glasshouse retry RUN SCENE --anew" } ", then " code { "glasshouse work RUN" } "."
             }
             (reasons("Damaged tuples", all, "RUN/tuples/"))
         }

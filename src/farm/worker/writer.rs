@@ -1,4 +1,4 @@
-//! The writer thread, which waits for the store so that no compute thread has to.
+//! The writer thread, which writes partials and tuples to the store while the compute threads trace.
 
 use super::core::Worker;
 use super::jobs::{ActiveTask, EncodedTuple, Objects, Order};
@@ -46,7 +46,7 @@ impl<'a> Writer<'_, 'a> {
     fn tuple(&self, task: &ActiveTask<'a>, encoded: EncodedTuple) -> Result<(), FarmError> {
         let (worker, scene) = (self.worker, &task.job.line.id);
         let start = Stopwatch::start();
-        // The receipt is made first: once the tuple exists, others may remove the partials' records that it needs.
+        // The receipt needs the partials' records, which other workers may remove as soon as the tuple exists.
         let receipt = self.receipt(task);
         if let Some(noise) = encoded.noise {
             write_noise(worker.store, task.job.line, &noise);
