@@ -60,7 +60,8 @@ pub struct AutoExposure {
 pub struct RejectRecipe {
     /// Mean luminance of R~ divided by that of I: `[least, most]`.
     pub reflected_share: Option<[f64; 2]>,
-    /// Standard deviation of R~'s luminance divided by the mean luminance of I: `[least, most]`. It is low for a veil.
+    /// Standard deviation of R~'s luminance divided by the mean luminance of I: `[least, most]`.
+    /// It is low for a reflection without structure.
     pub contrast: Option<[f64; 2]>,
     /// Largest allowed share of pixels of I with a channel of 1 or more.
     pub clipped_share: Option<f64>,
@@ -91,7 +92,7 @@ pub(super) struct SideLight<'a> {
 /// Computes the linear Rec.709 colour of a black body's light, with luminance 1.
 ///
 /// Uses Kim et al.'s cubic splines of the Planckian locus (US patent 7,024,034, 2006; 1,667 to 25,000 K, within 0.001
-/// of x and y). Below about 2,000 K, blue is negative. Photographs are assumed to be balanced for D65, so light of
+/// of x and y). Below about 1,900 K, blue is negative. Photographs are assumed to be balanced for D65, so light of
 /// 6,504 K leaves them nearly unchanged.
 pub(crate) fn illuminant(kelvin: f64) -> [f64; 3] {
     let t = 1e3 / kelvin;
@@ -153,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_spline_is_continuous_and_no_light_is_negative() {
+    fn the_spline_is_continuous_and_no_channel_is_negative_from_2000_k() {
         for seam in [2222.0, 4000.0] {
             let (below, above) = (illuminant(seam), illuminant(seam + 1e-6));
             for c in 0..3 {

@@ -1,4 +1,5 @@
-//! Compares a scene with images by Mitsuba 3 (its camera, film, meshes, textures and ray casting) with 4,096 samples.
+//! Compares a scene with reference images of 4,096 samples. Mitsuba 3 provided their camera, film, meshes, textures and
+//! ray casting; a separate script computed the glass.
 
 use render::line::{Roots, parse_scene};
 use render::merge::combine;

@@ -26,7 +26,7 @@ pub enum MergeError {
     NotFinite { scene: String, layer: &'static str, x: u32, y: u32 },
 }
 
-/// Combines all partials of a scene, one for each shard of the layout, in any order.
+/// Combines all partials of a scene. `partials` contains one for each shard of the layout, in any order.
 pub fn combine<P: Borrow<Partial>>(
     line: &SceneLine,
     tile_px: u32,
