@@ -44,8 +44,8 @@ impl Watch {
         self.control_changes += 1;
     }
 
-    /// Replaces the snapshot. A poll that began before the page's last change may have read the older control state,
-    /// so that state is ignored.
+    /// Replaces the snapshot. Ignores the control state of a poll that began before the page's last change, because it
+    /// may be older than the change.
     fn update(&mut self, snapshot: Snapshot, changes_before_poll: u64) {
         let changed = self.control_changes != changes_before_poll;
         let control = changed.then(|| std::mem::take(&mut self.snapshot.control));
@@ -345,7 +345,7 @@ impl Coordinator<'_> {
     }
 }
 
-/// True if a report is due: the first one, or one after [`COMPLAIN`] since the last. Records its time.
+/// True if there was no report yet, or the last one is older than [`COMPLAIN`]; the time of a due report is recorded.
 fn is_due(complained: &mut Option<Instant>) -> bool {
     let due = complained.is_none_or(|at| at.elapsed() > COMPLAIN);
     if due {

@@ -103,7 +103,8 @@ impl<'a> Assignment<'a> {
         self.scenes.len()
     }
 
-    /// Draws scene `number`, starting with attempt `from`. A `change` above 0 selects two other photographs.
+    /// Draws scene `number`, starting with attempt `from`. Each `change` above 0 is a new random selection of both
+    /// photographs.
     pub(crate) fn draw(&self, number: usize, change: u32, from: u32) -> Result<Drawn, RecipeError> {
         let scene = &self.scenes[number];
         let pair = self.pair(scene, change)?;
@@ -116,7 +117,7 @@ impl<'a> Assignment<'a> {
         })
     }
 
-    /// Returns the photographs of a scene: the assigned ones, or two others if `change` is above 0. Replaces an
+    /// Returns the photographs of a scene: the assigned ones, or a new selection for each `change` above 0. Replaces an
     /// excluded photograph with another of its subset.
     fn pair(&self, scene: &AssignedScene<'a>, change: u32) -> Result<Pair<'a>, RecipeError> {
         let is_out = |side: usize, image: &SourceImage| {
@@ -132,8 +133,9 @@ impl<'a> Assignment<'a> {
         Ok(pair)
     }
 
-    /// Selects another photograph for one side, if possible from another scan than the partner's and of the original's
-    /// place. Rendezvous hashing keeps the choice when the subset loses other photographs.
+    /// Selects a photograph for one side, if possible from another scan than the partner's and of the original's place.
+    /// May select the original again if it is not excluded. Rendezvous hashing keeps the choice when the subset loses
+    /// other photographs.
     fn substitute(
         &self,
         scene: &AssignedScene<'a>,

@@ -16,8 +16,8 @@ use std::path::{Path, PathBuf};
 
 const REFERENCE_SPP: u32 = 65_536;
 
-/// Limits of the RMSE of a scene at its own samples, relative to the RMS of its reference, for the layers I, T, R~, R:
-/// 25 % above the measured values, at least 1e-6.
+/// Limits of the RMSE of a scene with its own number of samples, relative to the RMS of its reference, for the layers
+/// I, T, R~, R: 25 % above the measured values, at least 1e-6.
 #[rustfmt::skip]
 const BOUNDS: &[(&str, [f64; 4])] = &[
     ("mirror", [2.08e-2, 2.25e-2, 3.81e-2, 4.99e-3]),

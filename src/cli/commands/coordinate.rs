@@ -179,7 +179,7 @@ impl fmt::Display for Coordinated<'_> {
         f.write_str(match (self.stopped, self.cancelled) {
             (true, _) => "; stopped by a signal; run the same command to resume",
             (_, true) => {
-                "; the run is cancelled: `glasshouse resume RUN`, then run the same command to continue"
+                "; the run is cancelled: run `glasshouse resume RUN`, then the same command to continue"
             }
             _ => "",
         })

@@ -351,7 +351,7 @@ impl fmt::Display for Worked<'_> {
             Some(Stop::TimeLimit) => "; time limit reached; run the same command to resume",
             Some(Stop::Drained) => "; ended because too many scenes failed on this machine",
             Some(Stop::Cancelled) => {
-                "; the run is cancelled: `glasshouse resume RUN`, then run the same command to continue"
+                "; the run is cancelled: run `glasshouse resume RUN`, then the same command to continue"
             }
             None => "",
         })
