@@ -114,7 +114,7 @@ fn workers_with_different_bits_are_both_named() {
 fn a_finished_scene_is_repeated() {
     let Some(server) = Nats::start() else { return };
     let place = slow_place();
-    let slow = ["-j", "1", "--fault", "slow:3"];
+    let slow = ["-j", "1", "--fault", "slow:2"];
     let worker = start("work", &place, &server, &slow);
     let coordinator = coordinator(&place, &server);
     let tuple = |id: &str| place.run.join(format!("tuples/{id}/tuple.json"));
