@@ -293,7 +293,7 @@ impl Session {
         Ok((count > 0).then(|| sum / f64::from(count)))
     }
 
-    /// Returns an example's input, output, ground truth and other layers; in the backtrack stage, empty without R~ or R.
+    /// Returns an example's input, output, ground truth and other layers; in the backtrack stage, none without R~ or R.
     fn made(&self, example: &Example) -> Result<Vec<Picture>, TrainError> {
         let picture = |planes: &Vec<f32>| Picture {
             rows: example.rows,
