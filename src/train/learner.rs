@@ -60,7 +60,7 @@ impl Sum {
     fn total(&self) -> Result<Tensor> {
         let mut terms = self.terms.iter();
         let Some((_, first)) = terms.next() else {
-            candle_core::bail!("every weight of the loss is 0: nothing can be learned");
+            candle_core::bail!("the loss has no terms: nothing can be learned");
         };
         terms.try_fold(first.clone(), |sum, (_, term)| sum + term)
     }
@@ -167,7 +167,7 @@ impl Learner {
             .collect()
     }
 
-    /// Replaces all weights with names that start with `prefix`.
+    /// Copies every weight from `model` if its name starts with `prefix`.
     ///
     /// # Errors
     ///

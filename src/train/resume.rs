@@ -99,7 +99,7 @@ impl Beginning {
         Ok(settings)
     }
 
-    /// Returns the inputs besides the settings, which must equal those of the checkpoint.
+    /// Returns the inputs besides the settings. Fails if these inputs do not fit the checkpoint.
     pub(super) fn origin(
         &self,
         lines: &[SceneLine],

@@ -293,7 +293,7 @@ impl Session {
         Ok((count > 0).then(|| sum / f64::from(count)))
     }
 
-    /// Returns an example's input, output, ground truth and other layers; empty if the backtrack stage lacks a layer.
+    /// Returns an example's input, output, ground truth and other layers; in the backtrack stage, none without R~ or R.
     fn made(&self, example: &Example) -> Result<Vec<Picture>, TrainError> {
         let picture = |planes: &Vec<f32>| Picture {
             rows: example.rows,
@@ -325,7 +325,7 @@ impl Session {
         })
     }
 
-    /// Draws a PNG with a row for each of up to four validation images: I, T*, T, R~*, R~, R*, R, or R~, R*, R.
+    /// Draws a PNG with a row per image, at most four: I, T*, T, R~*, R~, R*, R; in the backtrack stage R~, R*, R.
     fn pictures(&self) -> Result<Option<Grid>, TrainError> {
         let mut rows = Vec::new();
         for example in self.validation.iter().take(4) {

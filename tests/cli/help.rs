@@ -94,7 +94,7 @@ fn all_examples() -> Vec<String> {
     all
 }
 
-/// Splits an example into words, and replaces paths in `/tmp` and `/data` with paths in `folder`.
+/// Splits an example into words, and replaces `/data/diode` and paths in `/tmp` with paths in `folder`.
 fn words(line: &str, folder: &Path) -> Vec<String> {
     let of = |word: &str| match word.strip_prefix("/tmp/") {
         Some(name) => folder.join(name).display().to_string(),

@@ -13,7 +13,7 @@ pub(crate) const NOT_RUN: &[(&str, &str)] = &[
     ("glasshouse plan manifests/wild.toml --root photos=/data/photos", "needs photographs that are not shipped"),
     ("glasshouse plan -n my.toml --root photos=/data/photos", "needs the page's recipe and list; tests/render/list.rs runs similar ones"),
     ("glasshouse run my.toml --root photos=/data/photos", "needs the page's recipe and list; tests/render/list.rs runs similar ones"),
-    ("glasshouse train RUN --stage backtrack --steps 20000 --features vgg19.safetensors", "VGG-19's weights are not shipped; unit tests of src/train/vgg.rs make such files"),
+    ("glasshouse train RUN --stage backtrack --steps 20000 --features vgg19.safetensors", "VGG-19's weights are not shipped; tests/train/training.rs reads narrower weights from a file"),
     ("glasshouse bench trace --no-builtin $(printf …", "needs scenes that another test makes from photographs that are not shipped"),
     ("nats-server …", "starts a server, as tests/support/nats.rs does; tests/docs/launch/nats.rs uses this configuration"),
     ("export …", "sets a variable of the shell; tests set variables for each process"),

@@ -66,7 +66,7 @@ fn a_queue_holds_each_message_once() {
         a.finish(first.id);
         b.finish(second.id);
         assert!(keeper.state().unwrap().is_quiet());
-        // It accepts finished messages again.
+        // The queue accepts finished messages again.
         assert!(a.publish(&spans[..1]).unwrap());
         assert!(!a.publish(&spans).unwrap());
         assert_eq!([take(b).message, take(a).message], spans);

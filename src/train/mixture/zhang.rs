@@ -25,9 +25,9 @@ pub struct ZhangDraw {
     pub sigma_px: f64,
     /// Factor of the mean excess over 1 that is subtracted from the reflection: 1.08 to 1.18.
     pub attenuation: f64,
-    /// The vignette's column at the left border.
+    /// The vignette's column at the picture's left border.
     pub mask_column: usize,
-    /// The vignette's row at the upper border.
+    /// The vignette's row at the picture's upper border.
     pub mask_row: usize,
     /// Share of the front picture's light in the input: 0.8 to 1.
     pub transmitted: f64,

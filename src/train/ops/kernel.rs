@@ -15,7 +15,7 @@ const PLACES_AT_ONCE: usize = 4096;
 /// Largest number of partial sums of a kernel's gradient.
 const SUMS: usize = 8;
 
-/// Number of input channels per part in the image gradient of a strided convolution.
+/// Number of input channels per part of an image gradient that needs [`Sizes::fold`].
 const CHANNELS_AT_ONCE: usize = 4;
 
 thread_local! {

@@ -92,7 +92,7 @@ impl Sizes {
         self.kernel == [1, 1] && self.window.stride == 1 && self.window.padding == 0
     }
 
-    /// Returns the number of result rows to unfold at once: at most a quarter of all and 768 KiB, but at least one row.
+    /// Returns the number of result rows to unfold at once: up to 768 KiB and a quarter (rounded up), but at least one.
     pub(super) fn rows_at_once(&self) -> usize {
         let fit = 768 * 1024 / 4 / self.seen() / self.out[1];
         fit.max(1).min(self.out[0].div_ceil(4)).max(1)
