@@ -120,7 +120,7 @@ pub struct QueueState {
 }
 
 impl QueueState {
-    /// True if no message waits and no worker holds one, even if [`QueueKeeper::scenes`] still lists messages.
+    /// True if no message waits and no worker holds one, even if [`QueueKeeper::scenes`] still lists scenes.
     pub fn is_quiet(&self) -> bool {
         self.waiting == 0 && self.held == 0
     }
