@@ -166,7 +166,7 @@ impl Sandbox for Children<'_> {
 }
 
 fn end(child: &mut Child) {
-    // Results that the child has put are durable; the rest is traced again.
+    // Results that the child has stored are durable; the rest is traced again.
     let _ = child.kill();
     let _ = child.wait();
 }

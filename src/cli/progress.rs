@@ -22,7 +22,7 @@ pub(super) struct Progress {
     /// Number of units in `done` that existed before the start.
     free: AtomicU64,
     start: Instant,
-    /// Scenes with photographs that do not fill the view: share of their paths that miss, and id.
+    /// Scenes with photographs that do not fill the view: largest share of a layer's paths that miss, and id.
     narrow: Mutex<Vec<(f64, String)>>,
 }
 
@@ -69,7 +69,7 @@ impl Progress {
         }
     }
 
-    /// Counts `count` finished units. If `free`, they existed before and do not count for the rate.
+    /// Counts `count` finished units. If `free`, they existed before and do not count for the rate in plain lines.
     pub(super) fn add(&self, count: u64, free: bool) {
         self.done.fetch_add(count, Ordering::Relaxed);
         if free {

@@ -13,7 +13,7 @@ use std::f64::consts::TAU;
 /// Largest shift of an aligned pair, px.
 pub const MAX_ALIGNED_SHIFT_PX: f64 = 1.5;
 
-/// Longest correlated side, px; larger pictures are averaged in blocks first.
+/// Longest correlated side, px; larger pictures are first reduced to sums of blocks.
 const MAX_SIDE_PX: usize = 1280;
 
 /// Standard deviation of the peak, px.

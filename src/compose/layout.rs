@@ -52,7 +52,7 @@ pub(super) fn is_other_picture(name: &str) -> bool {
         .is_some_and(|(_, ending)| others.iter().any(|k| ending.eq_ignore_ascii_case(k)))
 }
 
-/// Returns layout, role and pair of a picture outside layer folders, if known. An empty name is the folder's name.
+/// Returns layout, role and pair name of a picture outside layer folders, if known. An empty name means the folder's.
 pub(super) fn recognise(stem: &str) -> Option<(Layout, Role, String)> {
     let letter = |letter: &str| match letter {
         "m" => Some(Role::Blended),

@@ -12,7 +12,7 @@ const MAX_DEPTH: usize = 16;
 /// The files of a picture, of its truth and, if they exist, of its reflections.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pair {
-    /// Common name of the files, with their folders: `real20/4`.
+    /// Common name of the files, with the folders that they share: `real20/4`.
     pub name: String,
     /// The picture with the reflection (I).
     pub blended: PathBuf,

@@ -76,7 +76,7 @@ fn space(bytes: Option<u64>) -> Finding {
 
 /// Measures the speed of writing and syncing a long file.
 fn speed(place: &Path) -> io::Result<Finding> {
-    // All blocks differ, so that compression or deduplication does not increase the measured speed.
+    // Consecutive blocks differ, to limit the effect of compression and deduplication on the measured speed.
     let mut block: Vec<u8> =
         (0..1u32 << 20).map(|i| (i.wrapping_mul(0x9e37_79b1) >> 24) as u8).collect();
     let start = Instant::now();

@@ -7,13 +7,13 @@ use super::finding::{Finding, Level, seconds_text};
 use crate::farm::queue::{NatsOptions, probe_nats};
 use serde_json::json;
 
-/// Oldest server version with all required functions, and recommended version.
+/// Oldest server version with all required functions.
 const OLDEST: [u32; 3] = [2, 9, 10];
 const RECOMMENDED: [u32; 3] = [2, 12, 0];
 /// Answer time above which a server is too slow, because workers query it for every task, s.
 const SLOW_S: f64 = 0.5;
 
-/// Connects and reads the limits; if the limits are readable, also creates and removes a small stream in memory.
+/// Connects and queries the limits; if the server answers, also creates and removes a small stream in memory.
 #[cfg(feature = "nats")]
 pub fn check_queue(options: &NatsOptions) -> Vec<Finding> {
     let facts = match probe_nats(options) {

@@ -1,4 +1,4 @@
-//! Formats `croissant.json`, the export's description in ML Commons' Croissant 1.0.
+//! Formats `croissant.json`, the export's description in MLCommons' Croissant 1.0.
 //!
 //! Each layer of PNGs has its own record set, linked by `id`, because mlcroissant joins at most two sources.
 

@@ -12,7 +12,7 @@ pub const EXPORT_REQUEST_SCHEMA: &str = "glasshouse.export_request/1";
 /// Name of the request's file in the exported folder.
 pub(super) const REQUEST_FILE: &str = "export.json";
 
-/// Format of the folder, which determines its readers.
+/// Layout of the exported folder and format of its files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExportFormat {
@@ -51,7 +51,7 @@ pub struct ExportRequest {
     pub encoding: PixelEncoding,
     /// Exported splits, in the order of [`Split`].
     pub splits: Vec<Split>,
-    /// Maximum size of a shard, megabytes (1e6 bytes); only for WebDataset.
+    /// Maximum size of a WebDataset shard, megabytes (1e6 bytes); a shard with a single tuple may be larger.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shard_mb: Option<u32>,
     /// Scenes that the export leaves out, although they are in its splits.

@@ -1,4 +1,4 @@
-//! Writes an export: reads and encodes tuples on all threads in batches, and writes them in order.
+//! Writes an export: reads and encodes tuples in batches on all threads, and adds them to parts in order.
 
 use super::digest::FileRecord;
 use super::error::ExportError;
@@ -30,7 +30,7 @@ const TRIALS: usize = 8;
 pub struct Exported {
     /// Number of tuples by split, including those of earlier calls.
     pub tuples: BTreeMap<Split, u64>,
-    /// Number of tuples that earlier calls wrote.
+    /// Number of tuples that earlier calls wrote; 0 if the export was already complete.
     #[serde(rename = "tuples_resumed")]
     pub resumed: u64,
     /// Number of files, without `SHA256SUMS`; 0 unless this call completed the export. The same applies to `bytes`.

@@ -87,7 +87,7 @@ pub trait Queue: Send + Sync {
     /// Leases a task, and waits up to `wait` until one is available. A `wait` of zero returns at once.
     fn take(&self, wait: Duration) -> Taken;
     /// Publishes messages. On return the queue has them. Returns false if the queue already had one of them: the worker
-    /// with that message may have checked its scene and be about to finish it.
+    /// with that message may have checked its scene and be about to finish the message.
     fn publish(&self, messages: &[Message]) -> Result<bool, QueueError>;
     fn renew(&self, lease: u64);
     /// Ends the lease of a task that is done or published again.
@@ -120,7 +120,7 @@ pub struct QueueState {
 }
 
 impl QueueState {
-    /// True if no message waits and no worker holds one, even if [`QueueKeeper::scenes`] still lists messages.
+    /// True if no message waits and no worker holds one, even if [`QueueKeeper::scenes`] still lists scenes.
     pub fn is_quiet(&self) -> bool {
         self.waiting == 0 && self.held == 0
     }

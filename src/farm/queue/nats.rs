@@ -128,7 +128,7 @@ impl Connection {
     }
 
     /// Replaces an error by its cause if the client is not connected. The reconnecting client reports only "IO error"
-    /// for a refused port, an unknown name and an untrusted certificate, so this opens a second connection.
+    /// for a refused port, an unknown name and an untrusted certificate, so this function opens a second connection.
     pub(super) fn explained(&self, error: QueueError) -> QueueError {
         let connected = self.client.connection_state() == async_nats::connection::State::Connected;
         if connected {
@@ -155,7 +155,7 @@ impl Connection {
         }
     }
 
-    /// Returns an error that includes the last event of the connection, if it was a failure.
+    /// Returns an error that includes the last event of the connection, unless that event was a connection.
     pub(super) fn lost(&self, error: &dyn std::fmt::Display) -> QueueError {
         let said = self.complaint.lock().expect("no holder of this lock panics");
         QueueError(match &*said {
