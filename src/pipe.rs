@@ -3,7 +3,7 @@
 use crossbeam::channel::{Receiver, unbounded};
 use std::io::{BufRead, BufReader, Read};
 
-/// Returns the lines that a thread reads from a pipe until the pipe's end; no lines without a pipe.
+/// Returns the lines that a thread reads from a pipe until its end, or no lines if `pipe` is `None`.
 pub(crate) fn lines(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
     let (sender, lines) = unbounded();
     if let Some(pipe) = pipe {

@@ -149,7 +149,7 @@ fn run(folder: &Path) -> Inspection {
     say_control(&mut found, folder);
     advise(&mut found, &status, folder, has_report);
     found.may_be_whole(
-        "spec and manifest match; `glasshouse audit RUN` traces scenes again and compares",
+        "spec and manifest match; `glasshouse audit RUN` traces scenes again and compares them",
     );
     found
 }

@@ -51,7 +51,7 @@ fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
     tell(found, object.filter(|(key, _)| !OMITTED.contains(&key.as_str())));
     if header.schema != PARTIAL_SCHEMA {
         let what =
-            format!("its schema is {:?}, this program reads {PARTIAL_SCHEMA:?}", header.schema);
+            format!("its schema is {:?}, but this program reads {PARTIAL_SCHEMA:?}", header.schema);
         found.wrong(Problem::new(what, to_do(Kind::Partial)));
     }
     if header.tracer_version != TRACER_VERSION {

@@ -63,7 +63,7 @@ pub(super) fn typed<T: DeserializeOwned>(
             let schema = object.get("schema").unwrap_or(&Value::Null);
             match schema_of(found.kind).filter(|expected| schema != expected) {
                 Some(expected) => Problem::new(
-                    format!("its schema is {schema}, this program reads {expected:?}"),
+                    format!("its schema is {schema}, but this program reads {expected:?}"),
                     "use the version of the program that wrote it",
                 ),
                 None => match serde_json::from_slice(input.bytes) {
@@ -181,8 +181,8 @@ fn advise(found: &mut Inspection, object: &Map<String, Value>) {
     let scene = object.get("scene").and_then(Value::as_str).unwrap_or("SCENE");
     let next = match found.kind {
         Kind::Spec if object["tracer_version"] != TRACER_VERSION => format!(
-            "it was planned with tracer version {}, this program has {TRACER_VERSION}: finish the run with the version that \
-             planned it, or plan again into a new folder",
+            "it was planned with tracer version {}, but this program has {TRACER_VERSION}: finish the run with the \
+             version that planned it, or plan again into a new folder",
             object["tracer_version"]
         ),
         Kind::Quarantine => format!(

@@ -91,7 +91,7 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
     found.facts.fact("inputs", inputs, json!(record.inputs));
     if record.tracer_version != TRACER_VERSION {
         found.next.push(format!(
-            "tracer version {} made it, this program has {TRACER_VERSION}",
+            "tracer version {} made it, but this program has {TRACER_VERSION}",
             record.tracer_version
         ));
     }

@@ -1,7 +1,7 @@
 //! Checks all input files of a plan before any scene is traced.
 //!
-//! Usually reads only the beginning and the end of a file, and only the beginning of an object in a store. Errors in
-//! the pixels appear when a worker loads the scene, which quarantines the scene.
+//! Usually reads only the beginning and the end of a file, and only the beginning of an object in a store. A worker
+//! finds errors in the pixels when it loads the scene, and then quarantines the scene.
 
 use super::inputs::{InputFiles, StoreUnavailable};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};

@@ -23,9 +23,9 @@ pub struct SourceImage {
     pub depth_range: Option<DepthRange>,
     pub mask: Option<String>,
     pub place: Place,
-    /// Name of the scene's folder.
+    /// Folder or category of the scene. For a photograph of a list: `scan`, or empty if the line names no scan.
     pub scene: String,
-    /// Name of the scan's folder. A scan has the views from one standpoint.
+    /// Name of the scan, which has the views from one standpoint; derived from the photograph's path if it has no scan.
     pub scan: String,
     /// For a photograph of a list: the whole side, named `color`. It replaces the source's keys and the other paths.
     pub side: Option<Side>,

@@ -18,7 +18,7 @@ pub struct Drafted {
     /// Root folders; relative paths are below the run's folder.
     pub roots: BTreeMap<String, PathBuf>,
     pub lines: Vec<SceneLine>,
-    /// Remarks for the user, such as images without depth, pairs of one place or scan, rejected previews.
+    /// Remarks for the user, such as images without depth, pairs of one place or scan, and rejected previews.
     pub notes: Vec<String>,
     /// Draws that the previews rejected.
     pub rejected: Vec<RejectedScene>,
@@ -96,8 +96,8 @@ fn read(source: &Path, request: &Request) -> Result<Content, DraftError> {
     }
 }
 
-/// Draws scenes and leaves out photographs or scenes until no scene needs an invalid file, unless the request keeps
-/// such scenes. The inner error is the remedy; `None` stands for `--skip-invalid`.
+/// Drafts the scenes. With `skip_invalid`, leaves out photographs or scenes until no scene needs an invalid file,
+/// unless the run is already planned. The inner error is the remedy; `None` stands for `--skip-invalid`.
 fn choose(
     source: &Path,
     content: &Content,

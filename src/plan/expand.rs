@@ -14,7 +14,7 @@ use render::line::{Apex, Focus, SCENE_SCHEMA, SceneLine};
 use render::scene::check_geometry;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Largest number of draws of one scene, after which expansion fails.
+/// Number of successive failed draws of a scene after which expansion fails; 1 if all geometry parameters are constant.
 const MAX_ATTEMPTS: u32 = 100;
 
 /// The scene lines of a recipe, with counts for notes.

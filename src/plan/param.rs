@@ -1,4 +1,4 @@
-//! A number of a recipe: a constant, a distribution with a draw per scene, or a value from a photograph's record.
+//! A number of a recipe: a constant, a distribution with a draw per scene, or a value from a photograph.
 
 use super::draw::normal_cdf;
 use render::line::limits::Limit;
@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
 use std::fmt;
 
-/// A constant, a distribution, or a value from a photograph's record.
+/// A constant, a distribution, or a value from a photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Param {
     /// `1.6`: a constant.
@@ -20,7 +20,7 @@ pub enum Param {
     Normal(Normal),
     /// `{ choice = [a, b, c] }`: a list of values with equal probabilities.
     Choice(Vec<f64>),
-    /// `"from_source"`: the value in the record of the back photograph for `back.*`, else of the front photograph.
+    /// `"from_source"`: a value from the back photograph for `back.*`, and from the front photograph otherwise.
     FromSource,
 }
 

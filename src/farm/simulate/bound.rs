@@ -2,8 +2,8 @@
 
 use super::case::{Case, Fault};
 
-/// Returns the time that all workers together take for the work and one load of each scene, s. Each worker counts with
-/// its speed while it runs. Returns `None` if they never finish.
+/// Returns the time that all workers together take for the work and one load of each scene, s. Each worker
+/// contributes its speed while it runs. Returns `None` if they never finish.
 pub fn lower_bound_s(case: &Case) -> Option<f64> {
     let work = &case.work;
     let shards = (0..work.scenes).flat_map(|scene| (0..work.shards).map(move |s| (scene, s)));

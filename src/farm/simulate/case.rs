@@ -11,7 +11,7 @@ pub struct Work {
     pub cheapest_shard_s: f64,
     /// Number of doublings from the cheapest scenes to the dearest (4: costs of 1, 2, 4, 8 and 16, equally frequent).
     pub doublings: u32,
-    /// Number of scenes at the end that have the highest cost, which is the worst order.
+    /// Number of scenes at the end that have the highest cost. High costs at the end are the worst case.
     pub dearest_last: u32,
     /// Time of a worker of speed 1 to load a scene, s.
     pub load_s: f64,
@@ -109,7 +109,7 @@ impl Default for Rules {
 }
 
 impl Default for Work {
-    /// Returns the prototype's measured case: 50 scenes of 16 shards with costs of 1 to 16, three of the dearest last.
+    /// Returns the prototype's measured case: 50 scenes of 16 shards, costs of 1 to 16, and 16 for the last three.
     fn default() -> Self {
         Self {
             scenes: 50,
@@ -123,7 +123,7 @@ impl Default for Work {
     }
 }
 
-/// Draws each of `workers` with the probability `share`. Returns their indices, each with a random number in 0..1.
+/// Draws each worker with probability `share`. Returns the drawn indices, each with a random number in 0..1.
 pub fn some_workers(workers: u32, share: f64, seed: u64) -> Vec<(u32, f64)> {
     let unit = |key: u64| (mix(seed ^ mix(key)) >> 11) as f64 / (1u64 << 53) as f64;
     (0..workers)

@@ -1,9 +1,9 @@
 //! Simulates a farm in virtual time, to measure the cost of sharing work among any number of workers.
 //!
 //! The simulator runs the worker's real state machine (`worker::tasks`). It models the code around the machine
-//! (`driver.rs`, `idle.rs`), the queue's server (`queue.rs`, as measured on a real one), the store (a bit per shard),
-//! the tracer (a delay) and the network (a constant delay). Every random number is a hash of the seed and a counter or
-//! an index, so equal cases have equal outcomes.
+//! (`driver.rs`, `idle.rs`), the queue's server (`queue.rs`, as measured on a real one), the store (flags of shards and
+//! tuples), the tracer (a delay) and the network (a constant delay). Every random number is a hash of the seed and a
+//! counter or an index, so equal cases have equal outcomes.
 //!
 //! ```text
 //! case -> engine (events, faults) -> driver | server -> queue | coordinator -> store -> outcome

@@ -62,12 +62,12 @@ impl Queue {
         Self { first_of_scene: vec![NONE; scenes as usize], ..Self::default() }
     }
 
-    /// Returns the number of messages that no worker holds.
+    /// Returns the number of messages that wait for delivery.
     pub(super) fn waiting(&self) -> usize {
         self.waiting
     }
 
-    /// Returns the number of messages that are delivered but not acknowledged.
+    /// Returns the number of messages that workers hold.
     pub(super) fn held(&self) -> usize {
         self.held
     }

@@ -97,7 +97,7 @@ pub(super) struct Worker {
     pub(super) requester: Option<WorkerId>,
     /// The worker's index in the list of listeners, if it listens.
     pub(super) listens: Option<u32>,
-    /// Number of the last pause between requests; timers of earlier pauses are ignored.
+    /// Number of the current timer of an idle worker; timers with other numbers are ignored.
     pub(super) round: u32,
     /// Number of pauses since the worker last loaded a scene.
     pub(super) pauses: u32,

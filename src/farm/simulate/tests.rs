@@ -1,4 +1,4 @@
-//! Checks the simulator against cases solved by hand, and the farm's rules against their aims.
+//! Checks the simulator against known lower bounds, and the farm's rules under faults.
 
 use super::{Case, Fault, Fleet, Outcome, Rules, Work, lower_bound_s, simulate, some_workers};
 

@@ -93,10 +93,10 @@ impl<'a> Worker<'a> {
             format!("worker {}", names.join(" or "))
         };
         let reason = format!(
-            "two workers made different bytes of {key}: {others} put the stored ones (BLAKE3 {there}), worker {me} \
-             made others (BLAKE3 {here}, kept as {}); one of the machines computes wrong bits, or the object was \
-             damaged. `glasshouse audit RUN --scene {scene}` on a third machine shows which are right; remove the \
-             faulty machine, then `glasshouse retry RUN {scene} --anew` traces the scene again",
+            "two workers made different bytes of {key}: {others} put the stored ones (BLAKE3 {there}), and \
+             worker {me} made others (BLAKE3 {here}, kept as {}); one of the machines computes wrong bits, or the \
+             object was damaged. `glasshouse audit RUN --scene {scene}` on a third machine shows which are right; \
+             remove the faulty machine, then `glasshouse retry RUN {scene} --anew` traces the scene again",
             keys::conflict(me, key),
         );
         self.fail(task.id, &reason)?;

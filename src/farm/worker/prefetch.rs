@@ -21,7 +21,7 @@ const WAIT: Duration = Duration::from_millis(500);
 const PAUSE: Duration = Duration::from_millis(5);
 /// Pause between two calls that do not wait, and between two checks of a paused run; also the shortest wait for a task.
 const AGAIN: Duration = Duration::from_millis(50);
-/// Shortest time between two checks for the end of the run, while the queue delivers no task.
+/// Shortest time between two checks for the end of the run, while the queue responds but delivers no task.
 const CHECK_OVER: Duration = Duration::from_secs(1);
 /// Shortest time between two reports that the queue cannot be reached.
 const COMPLAIN: Duration = Duration::from_secs(30);

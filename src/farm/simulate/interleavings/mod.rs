@@ -34,7 +34,7 @@ enum Mistake {
     StoredTooEarly,
     /// The last worker of a scene does not complete the scene.
     NeverTheLast,
-    /// The tuple is made without the partials of other workers.
+    /// The tuple is made without its last shard.
     GathersNothing,
     /// Partials are removed before the tuple is in the store.
     RemovesPartialsFirst,

@@ -333,7 +333,7 @@ impl Farm {
         worker.act(actions);
     }
 
-    /// Ends a worker's threads and requeues its tasks; if it `hangs`, only its queued and pinned tasks.
+    /// Ends a worker's threads and requeues its tasks, or only its queued and pinned tasks if it `hangs`.
     pub(super) fn leave(&mut self, w: usize, hangs: bool) {
         self.note(|| format!("worker {w} leaves (hangs: {hangs})"));
         self.disown(w);

@@ -13,7 +13,7 @@ impl<P> Tasks<P> {
         self.end(task, TaskEvent::DoneElsewhere)
     }
 
-    /// Ends a task and quarantines its scene, which cannot be done.
+    /// Ends a task and quarantines its scene, which cannot be rendered.
     pub(crate) fn fail(&mut self, task: TaskId, reason: &str) -> Vec<Action> {
         self.quarantine(task, TaskEvent::Failed, reason)
     }

@@ -90,8 +90,8 @@ impl<P> Entry<P> {
         Message { task: Task { scene, shards }, hops: self.message.hops + 1 }
     }
 
-    /// Returns the messages for another worker if this one stops: all shards that are not in the store or, if all are,
-    /// the whole task, because a worker must still check whether the scene is complete.
+    /// Returns the messages for another worker if this one stops: the task's shards that are not in the store, or the
+    /// whole task if the scene is not loaded, or if all are stored and the check for a complete scene remains.
     fn rest(&self) -> Vec<Message> {
         let rows = rows(self.shards.undone());
         if rows.is_empty() {
@@ -130,7 +130,7 @@ impl<P> Tasks<P> {
         Some(TaskId(self.last))
     }
 
-    /// Prevents the donation of a task after failed attempts at its scene. Returns false if it was donated meanwhile.
+    /// Prevents the donation of a task with a scene that may fail. Returns false if the task was donated meanwhile.
     pub(crate) fn pin(&mut self, task: TaskId) -> bool {
         self.to(task, TaskEvent::Pinned).is_some()
     }

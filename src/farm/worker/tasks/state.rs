@@ -4,11 +4,11 @@
 pub(super) enum TaskState {
     /// Leased, but the scene is not loaded yet; the task may be donated.
     Queued,
-    /// Queued, but the scene has failed before; a donation would only move the problem.
+    /// Queued, but the scene may fail; a donation would only move the problem.
     Pinned,
     /// A compute thread loads the scene and its partials in the store.
     Loading,
-    /// A child process traces the task, because the task may kill its process.
+    /// A child process traces the task, because the task may kill the process that traces it.
     Sandboxed,
     Tracing,
     /// All shards of the scene are in memory, and the worker makes the tuple from them.
@@ -21,7 +21,7 @@ pub(super) enum TaskState {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TaskEvent {
-    /// The store has records of failed attempts at the scene.
+    /// The store has records of attempts at the scene, or this machine cannot read the scene's files.
     Pinned,
     LoadBegins,
     SandboxBegins,
