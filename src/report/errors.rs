@@ -14,7 +14,7 @@ const X_ENDS: [f64; 2] = [60.0, 466.0];
 const Y_ENDS: [f64; 2] = [222.0, 46.0];
 /// Right end and baseline of the legend.
 const LEGEND: [f64; 2] = [466.0, 16.0];
-/// Approximate number of steps of a curve, and maximum number of scenes in a scatter plot.
+/// Maximum number of steps of a curve before its last step, and maximum number of scenes in a scatter plot.
 const STEPS: usize = 200;
 const POINTS: usize = 800;
 

@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_header_that_claims_gigabytes_is_refused() {
+    fn a_header_that_claims_a_huge_picture_is_refused() {
         let mut bytes = png(&RgbImage::new(4, 4)).unwrap();
         // Changes width and height in IHDR. The wrong checksum or the size makes the decoder fail before it allocates.
         bytes[16..24].copy_from_slice(&[0, 0, 0x40, 0, 0, 0, 0x40, 0]);

@@ -106,7 +106,7 @@ pub(super) fn parse(line: &SceneLine, bytes: &[u8]) -> Result<TupleRecord, Strin
     }
     if record.tracer_version != TRACER_VERSION {
         return Err(format!(
-            "tuple.json has tracer version {}, the run has {TRACER_VERSION}",
+            "tuple.json has tracer version {}, but the run has {TRACER_VERSION}",
             record.tracer_version
         ));
     }

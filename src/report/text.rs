@@ -1,4 +1,4 @@
-//! Small pieces of HTML.
+//! Formats numbers and tables as HTML; computes evenly spaced indices and quantiles.
 
 use maud::{Markup, html};
 

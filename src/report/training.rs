@@ -88,7 +88,7 @@ fn curve(name: &str, unit: &str, points: &[Point]) -> Markup {
     };
     let y_label = match at_once {
         1 => format!("{name}{with_unit}"),
-        n => format!("{name}{with_unit}, means of {n} steps"),
+        n => format!("{name}{with_unit}, means of {n} points"),
     };
     let panel = Panel {
         x: Axis::linear([first.0, last.0].into_iter(), X_ENDS),

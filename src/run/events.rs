@@ -7,15 +7,15 @@ use render::ids::SceneId;
 #[derive(Clone, Debug)]
 pub enum Event {
     Started {
-        /// Number of shards of all scenes without a tuple.
+        /// Number of shards of the `scenes`; a coordinator counts each scene as one shard.
         shards: u64,
-        /// Number of scenes without a tuple.
+        /// Number of all scenes in a farm, or of the scenes without a tuple on one machine.
         scenes: u64,
     },
     /// A scene is loaded; its shards are traced next.
     SceneOpened { scene: SceneId },
     ShardDone {
-        /// True if the shard had an intact partial and was not traced again.
+        /// True if the shard's result already existed, so that the shard was not traced again.
         resumed: bool,
     },
     /// A partial is damaged or belongs to another plan.
@@ -26,7 +26,7 @@ pub enum Event {
     /// A tuple is durable.
     SceneMerged {
         scene: SceneId,
-        /// Largest share of a layer's paths that end beyond a photograph's border.
+        /// Largest share of a layer's paths that end beyond a photograph's border; 0 if unknown.
         miss_share: f64,
     },
     /// The queue cannot be reached; work on leased tasks continues.

@@ -25,7 +25,7 @@ pub(crate) struct PlanOptions<'a> {
     pub(crate) dry_run: bool,
     /// True if planning leaves out photographs with unusable files (for a `.jsonl`, scenes).
     pub(crate) skip_invalid: bool,
-    /// Number of threads that check input files, trace the golden shard and make procedural photographs.
+    /// Number of threads that check input files, preview scenes, trace the golden shard and make photographs.
     pub(crate) threads: usize,
 }
 

@@ -15,7 +15,7 @@ pub struct QuarantineRecord {
     /// Always [`QUARANTINE_SCHEMA`].
     pub schema: String,
     pub scene: SceneId,
-    /// Error that put the scene into quarantine, such as that of an input file with a remedy.
+    /// Error that put the scene into quarantine, such as the error of an input file, with a remedy.
     pub reason: String,
 }
 

@@ -119,7 +119,7 @@ fn run(
     stopped: oneshot::Receiver<()>,
 ) {
     runtime.block_on(async {
-        // This can fail only outside a runtime.
+        // This fails only if the runtime cannot register the socket.
         if let Ok(listener) = tokio::net::TcpListener::from_std(listener) {
             tokio::spawn(accept(listener, routes));
             let _ = stopped.await;

@@ -38,7 +38,7 @@ const UNFINISHED: Duration = Duration::from_hours(1);
 
 impl Cache {
     /// Returns a cache of about `limit_bytes` in `folder`, which is created when it is needed. The cache evicts the
-    /// least recently used entries. Each process that shares the folder may exceed the limit by a twentieth.
+    /// least recently used entries. Each further process that shares the folder may exceed the limit by a twentieth.
     pub fn new(folder: PathBuf, limit_bytes: u64) -> Self {
         Self {
             folder,
@@ -52,7 +52,7 @@ impl Cache {
         self.folder.join(&blake3::hash(url.as_bytes()).to_hex()[..32])
     }
 
-    /// Returns the object if it is cached and intact. Removes a damaged entry.
+    /// Returns the object if it is cached and intact. Removes an entry with a wrong URL or digest.
     pub(super) fn get(&self, url: &str) -> Option<Entry> {
         let path = self.file(url);
         let mut bytes = std::fs::read(&path).ok()?;

@@ -53,7 +53,7 @@ impl StoreError {
 pub(super) fn is_passing(error: &object_store::Error) -> bool {
     use object_store::Error as E;
     let E::Generic { store, .. } = error else {
-        // Absent, forbidden or unsupported.
+        // For example, the object is absent, forbidden or unchanged.
         return false;
     };
     for cause in causes(error) {

@@ -164,7 +164,7 @@ impl Store {
         RUNTIME.block_on(with_patience(Duration::ZERO, get)).ok()
     }
 
-    /// Returns `Absent` if the bucket exists, and otherwise an error, because a scene does not cause a wrong bucket.
+    /// Returns `Absent` if the bucket exists, and otherwise an error, because a missing bucket concerns every scene.
     fn absent(&self, key: &str) -> Result<Fetched, StoreError> {
         let look = || async { self.objects.list(None).try_next().await };
         match RUNTIME.block_on(with_patience(self.patience, look)) {

@@ -17,7 +17,7 @@ pub struct Texture {
 impl Texture {
     /// Makes a texture of `width` x `height` texels (row by row; red, green, blue and an unused number).
     ///
-    /// Panics if the length of `texels` is not `width * height`.
+    /// Panics if `width` or `height` is 0, or if the length of `texels` is not `width * height`.
     pub fn new(width: usize, height: usize, texels: &[[f32; 4]]) -> Self {
         Self::from_vec(width, height, texels.to_vec())
     }

@@ -1,4 +1,4 @@
-//! Traces a tile's pixels in order, with the kernels of one instruction set.
+//! Traces the pixels of a tile with the kernels of one instruction set.
 
 use super::adaptive;
 use super::bundle::Tracer;

@@ -398,7 +398,7 @@ fn leaks_and_strays_are_recognised() {
         leaks += u32::from(is_leak(grid, aimed, absolute, bottom));
         strays += u32::from(stray(grid, absolute, w * 1.001) > STRAY);
     });
-    // The other rays hit the mesh before their edge, or hit the edge at a rim or at `bottom`.
+    // The other rays are aimed at a rim, or at a point with the inverse depth `bottom`.
     assert!(leaks * 3 > seen, "{leaks} of {seen}");
     assert!(strays * 10 > seen * 9, "{strays} of {seen}");
 }
