@@ -1,4 +1,4 @@
-//! Checks the fields of a scene line, such as the ranges of numbers and the presence of paths.
+//! Checks the fields of a scene line, for example that numbers are within their limits and that no path is empty.
 
 use super::depth_range;
 use super::error::{LineError, within};

@@ -21,8 +21,8 @@ pub fn check_png(bytes: &[u8], width: u32, height: u32) -> Result<(), String> {
     reader().decode().map(|_| ()).map_err(|e| e.to_string())
 }
 
-/// Decodes the layers of a tuple to linear pixels, row by row. A layer that the tuple lacks has no pixels. Compares
-/// each other layer with its digest in the record. An error is a text for the user.
+/// Decodes the layers of a tuple to linear pixels, row by row, and compares each layer with its digest in the record.
+/// A layer that the tuple lacks has no pixels. An error is a text for the user.
 pub fn decode_tuple_exr(
     bytes: &[u8],
     record: &TupleRecord,

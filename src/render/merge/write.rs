@@ -35,8 +35,6 @@ fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
 }
 
 /// True if the folder contains the complete tuple of this scene line, made by this version of the tracer.
-///
-/// Otherwise, callers render the scene and replace the tuple.
 pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
     let Ok(text) = std::fs::read_to_string(folder.join("tuple.json")) else {
         return false;

@@ -81,7 +81,7 @@ mod tests {
         assert_eq!(nearest_valid(&valid, 3, 3, 1, 1), Some(1));
         valid[1] = false;
         assert_eq!(nearest_valid(&valid, 3, 3, 1, 1), Some(3));
-        // In ring 1, a diagonal neighbour is farther than a straight one.
+        // Both valid pixels are direct neighbours of (1, 0); the upper row wins.
         assert_eq!(nearest_valid(&[true, false, false, true], 2, 2, 1, 0), Some(0));
     }
 

@@ -6,7 +6,7 @@ use crate::trace::MAX_COORDINATE_M;
 /// Largest share of the valid depth pixels, or of the vertices in the field of view, that may be nearer than the pane.
 pub const MAX_TOO_NEAR_SHARE: f64 = 0.01;
 
-/// Longest path of a ray over a depth image, px. On longer paths, `f32` cell indices are not exact.
+/// Longest allowed path of a ray over a depth image, px. The limit keeps `f32` cell indices exact.
 pub(super) const MAX_TRAVEL_PX: f64 = 4_194_304.0;
 
 /// A scene that cannot be traced. `side` is `front` or `back`.

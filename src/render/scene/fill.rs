@@ -42,7 +42,7 @@ impl Level {
         let mut w = Vec::with_capacity(width * height);
         for j in 0..height {
             let top = &fine[2 * j * fine_width..][..fine_width];
-            // An odd last row or column has no second child; an empty row or a hole takes its place.
+            // An odd last row or column has no partner; an empty row or a hole takes the partner's place.
             let bottom = if 2 * j + 1 < fine_height {
                 &fine[(2 * j + 1) * fine_width..][..fine_width]
             } else {

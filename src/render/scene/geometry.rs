@@ -101,7 +101,7 @@ impl BackCamera {
         }
     }
 
-    /// Returns the inverse map, as rotation and translation.
+    /// Returns the inverse of `lens_from_capture`: an orthogonal matrix (with a reflection) and a translation.
     pub(crate) fn capture_from_lens(&self) -> (DMat3, DVec3) {
         match self.apex {
             Apex::Mirror => (DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)), DVec3::ZERO),

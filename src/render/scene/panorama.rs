@@ -174,8 +174,8 @@ impl Distances {
 }
 
 impl Raster {
-    /// Makes a view of `window` and one or two more pixels on every side, with at least `px_per_rad` pixels per radian, or
-    /// as many as `max_side` allows.
+    /// Makes a view of `window` and one or two more pixels on every side, with at least `px_per_rad` pixels per radian,
+    /// or as many as `max_side` allows.
     fn new(window: Window, px_per_rad: f64, max_side: usize, rotation: DMat3) -> Self {
         let Window([across, down]) = window;
         let side = |[least, most]: [f64; 2]| {
@@ -194,8 +194,8 @@ impl Raster {
         Self { width, height, intrinsics: Intrinsics { fx, fy, cx, cy, size: None }, rotation }
     }
 
-    /// Returns the direction of each pixel's centre in the panorama, row by row, with the secant of its angle to the
-    /// axis.
+    /// Returns the direction of each pixel's centre in the panorama's coordinates, row by row, with the secant of the
+    /// direction's angle to the view's axis.
     fn directions(&self) -> impl Iterator<Item = (DVec3, f64)> + '_ {
         let k = &self.intrinsics;
         (0..self.height).flat_map(move |j| {

@@ -27,7 +27,7 @@ impl From<Polygons> for Decoded {
     }
 }
 
-/// One side in the tracer's coordinates. A photograph gets a pose; the vertices of a mesh are moved.
+/// One side: a sheet in capture coordinates, which gets its pose later, or a mesh in the lens's coordinates.
 pub(super) enum Placed {
     Sheet(Sheet),
     Mesh(Box<PlacedMesh>),

@@ -1,4 +1,4 @@
-//! Converts a placed side to a surface of the tracer. A photograph gets its pose and its grid.
+//! Converts a placed side to a surface of the tracer. A sheet gets its pose and its grid.
 
 use super::error::{AssembleError, MAX_TRAVEL_PX};
 use super::geometry::BackCamera;

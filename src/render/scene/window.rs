@@ -26,7 +26,7 @@ pub(super) struct Sight {
     directions: Vec<DVec3>,
     slab: Slab,
     aperture_radius_m: f64,
-    /// Rotation from the lens's coordinates (for the back, of the mirrored world) to the capture camera's.
+    /// Orthogonal matrix from the lens's coordinates (for the back, of the mirrored world) to the capture camera's.
     rotation: DMat3,
     translation_m: DVec3,
     order: fn(u32) -> Order,

@@ -11,7 +11,7 @@ pub fn samples_per_range(spp: u32) -> u32 {
     spp.min((spp / 16).max(256))
 }
 
-/// Approximate time that one core needs for a camera sample, s, to choose a tile size and to estimate durations.
+/// Approximate time that one core needs for a camera sample, s. It serves to choose tile sizes and estimate durations.
 pub const SECONDS_PER_SAMPLE: f64 = 2.5e-8;
 
 /// Desired minimum duration of a shard, s, which keeps checkpoints cheap.

@@ -180,7 +180,7 @@ impl Clip<'_> {
         corners >= 3
     }
 
-    /// Adds a vertex at the point of an edge on the near plane. Returns its index.
+    /// Adds a vertex at the point where an edge crosses the near plane. Returns the vertex's index.
     fn cut(&mut self, seen: u32, hidden: u32) -> u32 {
         let [from, to] = [seen, hidden].map(|i| self.vertices[i as usize]);
         let t = (from.z - NEAR_M) / (from.z - to.z);

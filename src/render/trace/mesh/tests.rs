@@ -92,7 +92,7 @@ fn aimed(points: &[DVec3], triangles: &[[u32; 3]], block: u64) -> [[Lane; 2]; 2]
             }
         };
         let w = 1.0 / target.z;
-        // Half of the lens coordinates are 0 or dyadic, so that rays tie exactly between triangles.
+        // Half of the lens coordinates are 0 or 1/32, so that some rays hit the edges between triangles exactly.
         let lens = [next(), next()].map(|r| match (r * 4.0) as u32 {
             0 => 0.0,
             1 => 0.03125,
