@@ -1,11 +1,11 @@
 //! Runs workers under random faults of all kinds: after an audit and a retry, the tuples equal those of one process.
 //!
-//! Workers are killed, or suspended beyond their leases and resumed; one is four times slower, one hangs with a live
-//! lease keeper, one computes wrong bits, and one scene aborts its process. The coordinator and the queue's server are
-//! killed, the server loses its data, tasks are published repeatedly and in any order, and requests to a bucket fail.
-//! The test restarts ended workers and killed coordinators, as a service manager does.
+//! Workers are killed, or suspended beyond their leases and resumed; one takes four times as long, one hangs with
+//! a live lease keeper, one computes wrong bits, and one scene aborts each process that traces it. The coordinator and
+//! the queue's server are killed, the server loses its data, tasks are published repeatedly and in any order, and
+//! requests to a bucket fail. The test restarts ended workers and killed coordinators, as a service manager does.
 //!
-//! The short sieges have each event (on a disk, except `StoreAway`); the long ones run with `--ignored`.
+//! The short sieges have each event, but the one on a disk has no `StoreAway`; the long ones run with `--ignored`.
 
 use crate::processes::alone;
 use crate::store_farm::fetched;
@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 use std::process::Child;
 use std::time::{Duration, Instant};
 
-/// Id of the scene that aborts every process that traces it.
+/// Id of the scene that aborts each process that traces it during the siege.
 const POISON: &str = "test-sample-000000";
 /// Number of shards in one range of samples.
 const TILES: u32 = 24;
@@ -221,7 +221,7 @@ impl Siege {
         self.lives[number] += 1;
     }
 
-    /// Resumes suspended workers after their time, and restarts ended ones.
+    /// Resumes suspended workers when their time is over, and restarts ended ones.
     fn look_after(&mut self) {
         for (number, until) in std::mem::take(&mut self.asleep) {
             if Instant::now() < until {
@@ -433,7 +433,7 @@ fn hold(size: Size, in_bucket: bool) {
     assert_same(&found, alone(&siege.place));
 }
 
-/// Returns the seed: 1, or as in `GLASSHOUSE_SIEGE=7 cargo test --release --test farm siege -- --include-ignored`.
+/// Returns the seed, 1 by default; `GLASSHOUSE_SIEGE=7 cargo test --release --test farm siege` sets it to 7.
 fn seed() -> u64 {
     let given = std::env::var("GLASSHOUSE_SIEGE").ok();
     given.map_or(1, |text| text.parse().unwrap())

@@ -26,7 +26,7 @@ fn scenes_change_their_state_with_the_objects_of_the_store() {
     store.create(&keys::partial(id(1), 5), b"1").unwrap();
     let attempt = keys::attempt(id(2), [0, 24], 1);
     store.create(&attempt, b"{}").unwrap();
-    // This tuple belongs to another run.
+    // The record of this tuple does not belong to the run.
     store.create(&keys::tuple(id(2), "tuple.json"), b"{}").unwrap();
     QuarantineRecord::put(&store, id(3), "no depth").unwrap();
     all.refresh(&planned, &store).unwrap();

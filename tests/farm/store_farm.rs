@@ -83,7 +83,7 @@ fn workers_need_only_the_bucket_and_the_queue() {
     // The tuples are neither in the coordinator's folder nor in the workers' folders.
     assert!(!place.run.join("tuples").exists());
     assert!(!place.folder.path().join("a/tuples").exists());
-    // Another coordinator, on a machine that has only the bucket, finds that the run is done.
+    // Another coordinator, with a folder that does not exist yet, finds that the run is done.
     let other = place.folder.path().join("elsewhere");
     end(start("coordinate", &other, &queue, &bucket, &[])).expect(0);
 }

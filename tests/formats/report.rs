@@ -78,7 +78,7 @@ fn the_report_has_the_numbers_of_the_tuples() {
         assert_eq!(said[key], count, "{key}");
     }
     assert_eq!(said["damaged"], json!([]));
-    // `run` has written the same page.
+    // A second report is the same page.
     assert_eq!(report(folder, 0, &[]).0, page);
     let html = strictly(&page);
 

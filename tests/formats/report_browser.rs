@@ -16,7 +16,7 @@ addEventListener("load", () => {
   const found = [...document.querySelectorAll("iframe")].map(frame => {
     const inside = frame.contentDocument, page = inside.documentElement;
     const style = frame.contentWindow.getComputedStyle(inside.body);
-    // Elements that scroll may be wider inside.
+    // The content of a scrolling element may be wider than the page.
     const wide = [...inside.body.querySelectorAll("*")].filter(e =>
       e.getBoundingClientRect().right > page.clientWidth + 1 && !e.closest(".box, pre"));
     return { scroll: page.scrollWidth, client: page.clientWidth, wide: wide.map(e => e.outerHTML.slice(0, 200)),

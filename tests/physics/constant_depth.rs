@@ -28,7 +28,7 @@ fn ramp(depth_m: f64) -> Photo {
     )
 }
 
-/// Returns (x, y) of the point where an order's line through the lens centre meets the plane z = `depth_m`.
+/// Returns (x, y) of the point where the line from the lens centre, shifted by kappa n, meets the plane z = `depth_m`.
 fn landing(case: &Case, p: DVec2, kappa: f64, depth_m: f64) -> DVec2 {
     let (n, _) = case.pane();
     p * (depth_m - kappa * n.z) + kappa * n.truncate()

@@ -142,7 +142,7 @@ fn powers_of_two_of_samples_render() {
     }
 }
 
-/// The weighted mean of four ranges of 256 equals that of 1,024; except in R, the first two equal its first half.
+/// The weighted mean of four ranges of 256 equals the mean of 1,024; except in R, the mean of the first two is `half`.
 #[test]
 fn ranges_of_256_merge() {
     for mut case in cases() {

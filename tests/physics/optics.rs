@@ -28,7 +28,7 @@ impl Exit {
     }
 }
 
-/// Returns refracted direction and reflectances (s, p) at a face from `n1` to `n2`; `normal` points to `n2`.
+/// Returns the refracted direction and the reflectances (s, p) at a face from `n1` to `n2`; `normal` points to `n2`.
 fn face(d: DVec3, normal: DVec3, n1: f64, n2: f64) -> (DVec3, [f64; 2]) {
     let cos_i = d.dot(normal);
     // |d x n| is accurate at small angles, where 1 - cos^2 loses digits.

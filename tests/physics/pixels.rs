@@ -26,7 +26,7 @@ fn rough(size: [usize; 2], texture: [usize; 2], relief: Relief, key: u64) -> Pho
     Photo::new(size, texture, [0.24, 0.22], depth, colour)
 }
 
-/// Returns, for every `step`-th pixel of every `step`-th row, the largest differences and all differences, both sorted.
+/// Returns the largest difference of every `step`-th pixel of every `step`-th row, and all differences, both sorted.
 fn differences(case: &Case, step: u32) -> (Vec<f64>, Vec<f64>) {
     let scene = case.scene();
     let rendered = whole_film(&scene, Isa::detect()).pixels;

@@ -48,7 +48,7 @@ impl<'a> Sheet<'a> {
         Self { photo, triangles, is_deep: extremes[1] > 1e4 * extremes[0] }
     }
 
-    /// Returns the first hit of a line with the sheet, which has the smallest z above 0 in the sheet's coordinates.
+    /// Returns the first hit of a line with the sheet: the hit with the smallest z above 0 in the sheet's coordinates.
     pub(crate) fn first_hit(&self, origin: DVec3, d: DVec3) -> Option<DVec3> {
         if self.is_deep {
             return self.first_hit_in_inverse_depth(origin, d);

@@ -65,7 +65,7 @@ fn circle_of_confusion_has_the_expected_radius() {
         let kappa = 0.01 * (1.0 - 1.0 / 1.6);
         let inverse_focus = 1.0 / focus_m;
         let radius = 0.02 * (1.0 / (depth_m - kappa) - inverse_focus).abs() * per_tangent;
-        // A uniform disc has variance radius^2 / 4 along each axis; the pixel adds 1/12, the texel's hat texel^2 / 6.
+        // The variance along an axis is radius^2 / 4 (disc) plus 1/12 (pixel) plus texel^2 / 6 (the texel's hat).
         let (mut mass, mut second) = (0.0, 0.0);
         for (q, pixel) in pixels.iter().enumerate() {
             let x = f64::from(q as u32 % tile.width) - 7.0;
@@ -116,7 +116,7 @@ fn discs_have_the_expected_radii() {
                 second += value * (x * x + y * y) / 2.0;
             }
         }
-        // A uniform disc has variance radius^2 / 4 along each axis; the pixel adds 1/12, the texel's hat texel^2 / 6.
+        // The variance along an axis is radius^2 / 4 (disc) plus 1/12 (pixel) plus texel^2 / 6 (the texel's hat).
         let kappa = 0.01 * (1.0 - 1.0 / ior);
         let texel_px = TEXEL_PX * depth_m / (depth_m - kappa);
         let blur = second / mass - 1.0 / 12.0 - texel_px * texel_px / 6.0;

@@ -136,7 +136,7 @@ fn pinholes_ignore_the_focus() {
     assert_eq!(rendered[0], rendered[1]);
 }
 
-/// Compares pixels with midpoint sums of the weighted radiance at a plane, 16 steps per axis of pixel and lens.
+/// Compares pixels with midpoint sums of the weighted radiance at a plane, with 16 steps per axis of pixel and lens.
 #[test]
 fn planes_render_as_mean_radiances() {
     const DEPTH_M: f64 = 2.4;

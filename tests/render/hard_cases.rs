@@ -40,7 +40,7 @@ const PANE: &[Check] = &[
     ("constant-planes", T, Value([0.8, 0.4, 0.1]), 3e-8),
     ("constant-planes", GLASS, Value([0.020_224_72, 0.101_123_60, 0.050_561_80]), 1e-6),
     ("constant-planes", R, Value([0.2, 1.0, 0.5]), 3e-8),
-    // R~ of the front face alone, ((n - 1) / (n + 1))^2: I keeps the ghosts that R~ lacks.
+    // R~ has only the reflection of the front face, ((n - 1) / (n + 1))^2, and I keeps the ghosts that R~ lacks.
     ("first-reflection", I, Value([0.739_325_84, 0.460_674_16, 0.140_449_44]), 1e-6),
     ("first-reflection", GLASS, Value([0.010_650_888, 0.053_254_438, 0.026_627_219]), 1e-8),
     // The front is red and the back green: red of I is the total transmittance, and green the total reflectance.

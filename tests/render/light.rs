@@ -92,7 +92,7 @@ fn invalid_lights_are_refused() {
     }
 }
 
-/// A recipe with wide ranges and every rule.
+/// A recipe with wide ranges and every rule of `[reject]`.
 const WILD: &str = r#"
 schema = "glasshouse.recipe/1"
 name = "wild"

@@ -1,5 +1,5 @@
 //! Renders scene lines and recipes, and compares whole images with an independent renderer, with photographs, and with
-//! renderings by other threads and tiles.
+//! renderings with other numbers of threads and other tiles.
 #![allow(
     clippy::unwrap_used,
     clippy::disallowed_methods,

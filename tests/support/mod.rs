@@ -1,5 +1,5 @@
 //! Runs the program, makes inputs, decodes outputs, and starts servers for several test binaries.
-#![allow(dead_code, reason = "each test binary uses a part of it")]
+#![allow(dead_code, reason = "each test binary uses only a part of this module")]
 
 pub(crate) mod browser;
 pub(crate) mod markup;

@@ -8,7 +8,7 @@ use std::process::Command;
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// A nats-server with JetStream, which is killed when dropped.
+/// A nats-server with JetStream, killed when dropped.
 pub(crate) struct Nats {
     server: Option<Daemon>,
     port: u16,

@@ -85,7 +85,7 @@ pub(crate) fn run_on_full_disk(arguments: &[&str]) -> Ended {
     limited.args(arguments).output().unwrap().into()
 }
 
-/// Sends a signal (`TERM`, `INT`) to a child.
+/// Sends a signal, such as `TERM`, to a child.
 pub(crate) fn send(child: &Child, signal: &str) {
     let status = Command::new("kill").args([format!("-{signal}"), child.id().to_string()]).status();
     assert!(status.unwrap().success());

@@ -19,7 +19,7 @@ pub(crate) fn run_in(folder: &Path, arguments: &[&str]) -> Ended {
     command(arguments).current_dir(folder).output().unwrap().into()
 }
 
-/// Returns the original, made once. The networks of its finished run are absent if the program has no trainer.
+/// Returns the original folder, made once. The networks of its finished run are absent if the program has no trainer.
 fn made() -> &'static Path {
     static MADE: OnceLock<TempDir> = OnceLock::new();
     let folder = MADE.get_or_init(|| {

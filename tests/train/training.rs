@@ -119,7 +119,7 @@ fn a_killed_training_resumes_with_the_same_bits() {
             wait_until(&mut child, || lines() as u64 > at + 1);
             child.kill().unwrap();
             let ended = child.wait_with_output().unwrap();
-            eprintln!("{stage}, -j {threads}: killed when {} of {steps} steps were noted", lines());
+            eprintln!("{stage}, -j {threads}: killed at line {} of metrics.csv", lines());
             kills += u32::from(ended.status.signal() == Some(9));
         }
         let ended = place.train(stage, steps, &["-j", "2"]);
@@ -220,7 +220,7 @@ fn a_changed_recipe_is_refused_with_the_differences() {
 }
 
 #[test]
-fn separation_needs_a_bt_net() {
+fn the_a_priori_loss_needs_a_bt_net() {
     let place = place();
     run(&place.arguments("separation", "2", &small(&[])))
         .expect(4)
