@@ -95,7 +95,7 @@ impl Panel<'_> {
         }
     }
 
-    /// Writes names beside positions (`y`, `x`, name, colour), and moves names down where their lines overlap.
+    /// Writes names beside positions (`y`, `x`, name, colour), and moves names down where they would overlap.
     pub(crate) fn names(mut names: Vec<(f64, f64, &str, &str)>) -> Markup {
         names.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut lowest = f64::NEG_INFINITY;
