@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use maud::{Markup, html};
 
-/// Axes and labels of a plot area. `x.ends` holds its left and right edges, `y.ends` its bottom and top edges, px.
+/// Axes and labels of a plot area. `x.ends` holds its left and right edges, and `y.ends` its bottom and top edges, px.
 pub(crate) struct Panel<'a> {
     pub(crate) x: Axis,
     pub(crate) y: Axis,
