@@ -33,7 +33,7 @@ fn inputs_folder(run: &Path, source: &str) -> PathBuf {
     run.join("inputs").join(source)
 }
 
-/// Writes the photographs that are missing in the run's folder. `on_photograph` receives (done, all).
+/// Writes the photographs missing in the run's folder. `on_photograph` receives (done, all), which count only these.
 pub fn make_photographs(
     run: &Path,
     all: &[ProceduralPhotograph],
@@ -65,7 +65,7 @@ pub fn make_photographs(
     }
 }
 
-/// Files of procedural photographs. The first read of a file that is not on disk yet renders its photograph.
+/// Files of procedural photographs. Renders a photograph once, at the first read of a file that is not on disk.
 pub(super) struct SampleBytes<'a> {
     photographs: Vec<(&'a ProceduralPhotograph, OnceLock<Option<SampleFiles>>)>,
     /// Index of the photograph and of its file, by path.

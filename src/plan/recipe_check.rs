@@ -201,7 +201,7 @@ pub(super) fn bad(key: &str, problem: impl Into<String>) -> Result<(), RecipeErr
     Err(RecipeError::Key { key: key.to_owned(), problem: problem.into() })
 }
 
-/// Checks all values that `param` may take, except for `from_source`, against the table of limits.
+/// Checks all values that `param` may take, except those of `from_source`, against the table of limits.
 pub(super) fn within(key: &str, param: &Param) -> Result<(), RecipeError> {
     let limit = limit_of(key);
     // Draws of all other distributions are not whole numbers.

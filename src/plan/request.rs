@@ -22,7 +22,7 @@ pub struct Request<'a> {
     pub is_planned: bool,
     /// True if planning checks the input files.
     pub checks_files: bool,
-    /// True if the plan leaves out photographs (for a manifest: scenes) with unusable files; otherwise they are errors.
+    /// True if the plan leaves out photographs (for a manifest: scenes) with unusable files; if false, a recipe fails.
     pub skip_invalid: bool,
     /// Number of threads for checks and previews.
     pub threads: usize,

@@ -49,7 +49,7 @@ pub struct Source {
     /// `places` only: path of the table of depth ranges by category, relative to the recipe.
     pub depth_ranges: Option<String>,
     /// `list` only: path of the list, relative to the recipe. Default: `photographs.jsonl` in the root. The lines of
-    /// the list have the keys below for each photograph.
+    /// the list have the keys below, except `depth_root`, for each photograph.
     pub list: Option<String>,
     /// Capture camera. Default: the camera of DIODE, which fits images of the same field of view.
     #[serde(default = "Intrinsics::diode")]
@@ -63,7 +63,7 @@ pub struct Source {
     /// Quantity in the depth files. Default z.
     #[serde(default)]
     pub depth_kind: DepthKind,
-    /// Metric range of relative depths. Not for `places` (ranges are in the table) and `list` (they are in its lines).
+    /// Metric range of relative depths. Not for `places` (ranges are in the table) or `list` (they are in its lines).
     pub depth_range: Option<DepthRange>,
     /// `places` only: folder of the depth maps, relative to the recipe. Default: `NAME-depth`.
     pub depth_root: Option<String>,

@@ -108,8 +108,8 @@ impl Axis {
             .collect()
     }
 
-    /// Places ticks at powers of 10. An axis below 2.2 decades also has ticks at 2 and 5, an axis below 0.7 decades at
-    /// all digits. A long axis has ticks only at some powers of 10.
+    /// Places ticks at powers of 10. An axis shorter than 2.2 decades also has ticks at 2 and 5, and one shorter than
+    /// 0.7 decades has ticks at all digits. A long axis has ticks only at some powers of 10.
     fn log_ticks(&self) -> Vec<Tick> {
         let [lo, hi] = self.values;
         let (first, last) = (libm::log10(lo).floor() as i32, libm::log10(hi).ceil() as i32);

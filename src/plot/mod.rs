@@ -1,7 +1,7 @@
 //! Plots as SVG without scripts, style sheets or fonts: axes with ticks, units and labels, lines and points.
 //!
 //! An [`Axis`] maps values to positions and places ticks; a [`Panel`] has two axes and draws the frame and the data.
-//! Frame and text have the page's text colour (`currentColor`), so that a plot suits light and dark pages.
+//! The frame and its labels have the page's text colour (`currentColor`), so that a plot suits light and dark pages.
 
 mod axis;
 mod panel;

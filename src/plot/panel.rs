@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use maud::{Markup, html};
 
-/// Axes and labels of a plot area. `x.ends` holds its left and right edges, `y.ends` its bottom and top edges, px.
+/// Axes and labels of a plot area. `x.ends` holds its left and right edges, and `y.ends` its bottom and top edges, px.
 pub(crate) struct Panel<'a> {
     pub(crate) x: Axis,
     pub(crate) y: Axis,
@@ -95,7 +95,7 @@ impl Panel<'_> {
         }
     }
 
-    /// Writes names beside positions (`y`, `x`, name, colour), and moves names down where their lines overlap.
+    /// Writes names beside positions (`y`, `x`, name, colour), and moves names down where they would overlap.
     pub(crate) fn names(mut names: Vec<(f64, f64, &str, &str)>) -> Markup {
         names.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut lowest = f64::NEG_INFINITY;

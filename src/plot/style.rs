@@ -9,7 +9,7 @@ pub(crate) const PAPER_SYMBOLS: PerLayer<&str> = PerLayer(["I", "T", "R\u{303}",
 pub(crate) const LAYER_COLOURS: PerLayer<&str> =
     PerLayer(["#0072B2", "#D55E00", "#009E73", "#CC79A7"]);
 
-/// Formats a number with at most three significant digits or as an integer; below 1e-4 and from 1e7 with a power of 10.
+/// Formats a number as an integer or with up to 3 significant digits. Sizes outside 1e-4..1e7 (not 0) get an exponent.
 pub(crate) fn number(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(1e-4..1e7).contains(&size) {

@@ -134,7 +134,7 @@ fn bedroom(b: &mut Builder, room: &Room, r: &mut Stream) {
     );
 }
 
-/// Places kitchen units (a cupboard if the wall has a window) along the back wall, and an island with chairs and lamp.
+/// Places kitchen units (a cupboard if the wall has a window) along the back wall, an island, chairs and a lamp.
 fn kitchen(b: &mut Builder, room: &Room, r: &mut Stream) {
     let style = room.style;
     let f = &Frame::new(room.focus, 0.0);

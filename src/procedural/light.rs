@@ -53,7 +53,7 @@ impl<'a> SoftLight<'a> {
         Self { lights, bounds, hemisphere }
     }
 
-    /// Returns the irradiance at a point divided by pi, from the rays of one pattern.
+    /// Returns the irradiance at a point, divided by pi, from the rays of one pattern.
     fn arriving(&self, point: &Point, pattern: usize) -> Vec3 {
         let Point { position, normal, .. } = *point;
         let lights = self.lights;

@@ -31,7 +31,7 @@ pub(super) struct Material {
     pub(super) second: Vec3,
     /// Share of mirror reflection at normal incidence; also scales the sun's highlight.
     pub(super) gloss: f32,
-    /// Emitted radiance as a multiple of `main`.
+    /// Emitted radiance relative to `main` or, in facades and shop fronts, to the colours of the interior.
     pub(super) glow: f32,
     pub(super) seed: i32,
     pub(super) casts_shadow: bool,

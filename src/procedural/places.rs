@@ -55,7 +55,7 @@ impl PlacesPhotograph {
 /// Returns the photographs of [`listing::listing`], with rooms assigned to the `indoors` categories in turn, and
 /// outdoor places to the `outdoors` categories.
 ///
-/// Categories are names of the official list. Panics if the list for a photograph is empty.
+/// Categories are names of the official list. Panics if a photograph's kind of place has no category.
 pub fn places_listing(
     count: usize,
     seed: u64,

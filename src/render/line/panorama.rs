@@ -5,7 +5,7 @@ use super::highlights::Highlights;
 use super::image::{Apex, DepthKind, Fill, Transfer, is_white};
 use serde::Serialize;
 
-/// An image of all directions around one point: columns are longitudes, rows latitudes, and the centre is +z.
+/// An image of all directions around one point: columns are longitudes, rows are latitudes, and the centre is +z.
 ///
 /// Replaces a photograph: the loader converts the visible part to a pinhole view.
 #[derive(Clone, Debug, PartialEq, Serialize)]

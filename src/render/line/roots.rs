@@ -70,7 +70,7 @@ impl Roots {
         self.0.insert(name.to_owned(), folder);
     }
 
-    /// Returns the folder of the root `name`, if it exists.
+    /// Returns the folder of the root `name`; `None` for an unknown root.
     pub fn get(&self, name: &str) -> Option<&Path> {
         self.0.get(name).map(PathBuf::as_path)
     }

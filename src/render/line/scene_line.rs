@@ -71,7 +71,7 @@ pub struct Film {
     #[serde(default)]
     pub filter: Filter,
     /// Target of adaptive sampling, linear radiance: each cell of 8 x 8 px takes samples, at most `spp`, until its RMS
-    /// error in every layer is below the target. Without a target, every pixel takes `spp` samples.
+    /// error in every layer is at most the target. Without a target, every pixel takes `spp` samples.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_error: Option<f64>,
     /// Orders of the glass's reflection in R~; all if missing. The input always contains all orders.
@@ -160,7 +160,7 @@ pub struct Camera {
 #[serde(
     untagged,
     deny_unknown_fields,
-    expecting = "focus must be {\"distance_m\": z}, {\"at\": \"front_center\"} or {\"at\": \"infinity\"}"
+    expecting = r#"focus must be {"distance_m": z}, {"at": "front_center"}, {"at": "back_center"} or {"at": "infinity"}"#
 )]
 pub enum Focus {
     /// A distance: `{"distance_m": z}`.

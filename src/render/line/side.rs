@@ -136,7 +136,7 @@ impl Side {
         side
     }
 
-    /// Returns the position of the capture camera, if the side has one.
+    /// Returns the side's key `apex`, the position of the capture camera; `None` if the key is missing.
     pub fn apex(&self) -> Option<Apex> {
         match self {
             Self::Photograph(photograph) => photograph.apex,
