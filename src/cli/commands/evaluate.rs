@@ -212,7 +212,7 @@ struct Place<'a> {
 
 struct Pictures {
     of: Source,
-    /// Pictures outside all pairs.
+    /// Files and folders that belong to no pair.
     left_out: Vec<LeftOut>,
 }
 
