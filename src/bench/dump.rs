@@ -40,7 +40,7 @@ impl RayDump {
         Ok(Self { dir: dir.to_owned(), classes: Vec::new() })
     }
 
-    /// Writes one class: its rays, their hits (inverse depths, 1/m) and the vertices of its sheet.
+    /// Writes one class: its rays, the depths of its hits and its sheet's vertices. `hits` are inverse depths, 1/m.
     pub fn add(
         &mut self,
         name: &str,

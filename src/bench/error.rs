@@ -27,6 +27,6 @@ pub enum BenchError {
     Read { path: PathBuf, source: std::io::Error },
     #[error(transparent)]
     Image(#[from] SceneError),
-    #[error("{} has {found_width} x {found_height} px, the scene's film {width} x {height}: give references of that size", path.display())]
+    #[error("{} has {found_width} x {found_height} px, but the scene's film has {width} x {height}: give references of that size", path.display())]
     Size { path: PathBuf, found_width: usize, found_height: usize, width: u32, height: u32 },
 }

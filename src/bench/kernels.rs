@@ -190,7 +190,7 @@ pub fn kernels(
     Ok(rows)
 }
 
-/// Times the whole tracer on sixteen tiles of 16 x 16 px (or a small film), 256 samples per pixel, with both apexes.
+/// Times the whole tracer with both apexes and 256 samples per pixel, on sixteen tiles of 16 x 16 px or a small film.
 pub fn tracer(
     scene: &BenchScene,
     isas: &[Isa],

@@ -12,7 +12,7 @@ use render::trace::{Isa, Sampling};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-/// Side of a tile, px: small enough that every thread gets tiles, large enough that their cost is negligible.
+/// Side of a tile, px: small enough that every thread gets tiles, large enough for a negligible overhead per tile.
 const TILE_PX: u32 = 32;
 
 pub struct Work<'a> {

@@ -1,4 +1,4 @@
-//! Measures the farm's cost per shard with real workers on a real queue.
+//! Measures the farm's cost per shard with real workers, on a NATS queue (if any) and inside one process.
 
 use super::error::FarmBenchError;
 use super::overhead_report::{Overhead, OverheadRun};

@@ -44,7 +44,7 @@ impl<'a> Place<'a> {
 
     pub(super) fn conditions(&self, mode: &'static str) -> Conditions {
         let queue = match (&self.server, &self.url) {
-            (Some(_), _) => "a nats-server started for this",
+            (Some(_), _) => "a temporary nats-server",
             (None, Some(_)) => "the given server",
             (None, None) => NO_QUEUE,
         };

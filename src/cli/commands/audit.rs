@@ -196,7 +196,7 @@ impl fmt::Display for Audited<'_> {
         }
         if *differ > 0 {
             f.write_str(
-                "\nRemove the machine that made the different scenes from the farm; then `glasshouse retry RUN SCENE… --anew` and \
+                "\nRemove from the farm the machine that made the different scenes; then `glasshouse retry RUN SCENE… --anew` and \
                  `glasshouse work RUN` make these scenes again. `glasshouse audit RUN --share 1` checks all other scenes.",
             )?;
         }

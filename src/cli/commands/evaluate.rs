@@ -26,8 +26,8 @@ pub(super) struct EvaluateArgs {
     /// Folder of a run, or of pairs in blended/ and transmission_layer/, or in the folders of SIR2 or CEILNet
     #[arg(value_name = "RUN|DIR")]
     place: PathBuf,
-    /// Network to score: a checkpoint, or a stage or run (its newest checkpoint), and a row name [default: stage and
-    /// step]; repeatable [default: the run's]
+    /// Network to score: folder of a checkpoint, or of a stage or run (for its newest checkpoint), after an optional
+    /// row name [default: stage and step]; repeatable [default: the run's newest SP-net]
     #[arg(long = "checkpoint", value_name = "[NAME=]FOLDER")]
     checkpoints: Vec<String>,
     /// Scenes of a run to score
@@ -212,7 +212,7 @@ struct Place<'a> {
 
 struct Pictures {
     of: Source,
-    /// Pictures outside all pairs.
+    /// Files and folders that belong to no pair.
     left_out: Vec<LeftOut>,
 }
 

@@ -151,7 +151,7 @@ light, fitted to train scenes: the score of a mere change of brightness. PSNR an
 pictures at their own size. The command names real pairs with misaligned ground truth, and a second table
 leaves them out. In JSON the PSNR of equal pictures is the string \"inf\".
 
-Exit code 3: some pairs are missing or unreadable, `left_out` lists them. 4: nothing to score.
+Exit code 3: some pairs are missing or unreadable; `left_out` lists them. 4: nothing to score.
 
 Examples:
   glasshouse evaluate runs/smoke
@@ -205,8 +205,8 @@ Examples:
     Report(report::ReportArgs),
     /// Explain files: their kind, their scene and any damage
     #[command(after_help = "\
-Files are recognised by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints, curves,
-event files, scores, exported archives, report pages, input files; and folders of a run, a tuple, a checkpoint.
+Files are recognised mostly by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints,
+curves, event files, scores, exported archives, report pages, input files; and folders of a run, a tuple, a checkpoint.
 
 Exit code 4: a file is damaged, unknown or missing; the text names the damage, its place and a remedy.
 
@@ -219,7 +219,7 @@ Examples:
     #[command(after_help = "\
 Checks processor and kernels, cores, memory, open files, clock, the bits of a reference shard, and the disk: space,
 speed, exclusive names, links, renames and locks. --store and --queue add checks of a store and a queue.
-The checks create and remove small files, an object and a stream.
+The checks create and remove files, an object and a stream.
 
 Exit code 1: a check failed. With warnings only, the exit code is 0.
 

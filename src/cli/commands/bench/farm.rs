@@ -197,7 +197,7 @@ exit_codes! {
     }
 }
 
-/// Builds the case to simulate or to run from the arguments.
+/// Builds the case to simulate or to measure, as the arguments describe it.
 fn case(args: &BenchFarmArgs) -> Result<Case, Failure> {
     let lease_s = args.lease_s.unwrap_or(if args.simulate { 30.0 } else { 2.0 });
     let mut case = Case {

@@ -27,8 +27,8 @@ pub(super) struct BenchArgs {
 enum BenchCommand {
     /// Measure the error against a reference for several sample counts, as table, CSV, JSON and plot
     #[command(after_help = "\
-Each sample count is one rendering of the four layers. Its errors are over all pixels and colours, in
-linear light unless stated otherwise:
+A table has one row per sample count, with errors of one layer over all pixels and colours, in linear
+light unless stated otherwise:
   RMSE            root of the mean squared difference from the reference
   relative MSE    mean of squared difference / (reference squared + 0.01)
   bias            mean of (rendering - reference)
@@ -75,8 +75,8 @@ few cores.
     worker us     makespan x workers / shards, without the sleep
   --makespan      8 workers, 50 scenes of 16 shards with costs from 1 to 16, the three most expensive
                   scenes last, leases of 2 s; then again with one worker four times slower and one killed
-                  at a third of the time, or the faults of --kill and --slow. The tuples must equal those
-                  of one process
+                  at a third of the bound, or with the faults of --kill and --slow. The tuples must equal
+                  those of one process
   --resume        5000 scenes of 64 shards; half of the scenes have tuples, the others half of their
                   partials
 With --simulate, the farm's own code shares the tasks; the queue's server, the store and the tracer are
