@@ -23,7 +23,7 @@ use train::LEAST_PX;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct SeparateArgs {
-    /// Folder of a checkpoint, or of a stage or run, for its best checkpoint (without validation, its newest)
+    /// Folder of a checkpoint, or of a stage or run (for its best checkpoint or, without validation, its newest)
     checkpoint: PathBuf,
     /// JPEG or PNG pictures
     #[arg(required = true)]

@@ -307,7 +307,7 @@ fn views_respect_their_size_limit_and_cover_their_window() {
             assert!((before - 1.0).abs() < 1e-9, "{before}");
             assert!((1.0..2.0 + 1e-9).contains(&after), "{after}");
         }
-        // If the size limit allows it, the first row has the requested number of pixels per radian, to 2 %.
+        // If the size limit allows it, the first row has at least the requested number of pixels per radian, to 2 %.
         if view.width < MAX_VIEW_SIDE - 4 {
             let rays: Vec<DVec3> = view.directions().take(view.width).map(|(d, _)| d).collect();
             let finest = rays.windows(2).map(|pair| pair[0].angle_between(pair[1]));
