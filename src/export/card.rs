@@ -99,9 +99,9 @@ fn what(plan: &ExportPlan, summary: &Summary) -> String {
 fn how(plan: &ExportPlan, summary: &Summary) -> String {
     let request = &plan.request;
     let mut text = format!(
-        "## How it was made\n\nRecipe `{}`, manifest {} (BLAKE3), tracer version {}. The two RGBD photographs of a scene become \
-         sheets in space with the photographed radiance; the tracer follows rays through a thin lens and a plane-parallel pane, \
-         whose orders of reflection are in closed form.\n\n| parameter | least | largest |\n|---|---|---|\n",
+        "## How it was made\n\nRecipe `{}`, manifest {} (BLAKE3), tracer version {}. RGBD photographs become sheets in space with \
+         the photographed radiance; the tracer follows rays through a thin lens and a plane-parallel pane, and computes the \
+         pane's orders of reflection in closed form.\n\n| parameter | least | largest |\n|---|---|---|\n",
         request.name, request.manifest_blake3, request.tracer_version
     );
     for ((name, _), [least, largest]) in PARAMETERS.iter().zip(&summary.numbers.ranges) {

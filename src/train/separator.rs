@@ -19,7 +19,7 @@ pub enum SeparatorError {
     )]
     NoSeparation { path: PathBuf },
     #[error(
-        "{} was trained with features of VGG-19 weights of BLAKE3 {expected}, but the given weights have {found}; use the file of its training",
+        "{} was trained with VGG-19 weights of BLAKE3 {expected}, but the given weights have {found}; use the same weights as in training",
         path.display()
     )]
     OtherFeatures {
