@@ -1,7 +1,7 @@
 //! Draws the status page from a view, as one HTML file with its style and script.
 //!
-//! The page is complete without its script. The script fetches the changing part every two seconds, drawn by the same
-//! code, and replaces the differences. The page shortens long lists.
+//! The page is complete without its script. Every two seconds, the script fetches the changing part, which the same
+//! code draws, and updates the elements that differ. The page shortens long lists.
 
 use super::view::{FarmView, QuarantinedScene, RecentTuple, WorkerState, WorkerView};
 use crate::plot::PAPER_SYMBOLS;
@@ -89,7 +89,7 @@ fn dialog() -> Markup {
             p.bad #refusal role="alert" {}
             p { button #go { "Yes" } " " button #leave { "No" } }
         }
-        noscript { "The buttons need JavaScript; " code { "glasshouse pause RUN" } " works without." }
+        noscript { "The buttons need JavaScript; " code { "glasshouse pause RUN" } " works without it." }
     }
 }
 
