@@ -84,7 +84,8 @@ pub(crate) fn explain(
 ) -> Result<Explanation, ExplainError> {
     let place = run.lines.iter().position(|line| line.id == *scene);
     let index = place.ok_or_else(|| {
-        let text = format!("{scene} is not a scene of this run; {} lists them", keys::MANIFEST);
+        let text =
+            format!("{scene} is not a scene of this run; {} lists the scenes", keys::MANIFEST);
         ExplainError::Unknown(text)
     })?;
     let line = &run.lines[index];

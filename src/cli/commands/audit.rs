@@ -127,7 +127,10 @@ fn places(
     let find = |id: &SceneId| {
         let place = run.lines.iter().position(|line| line.id == *id);
         place.ok_or_else(|| {
-            failure!(Exit::Usage, "{id} is not a scene of this run; manifest.jsonl lists them")
+            failure!(
+                Exit::Usage,
+                "{id} is not a scene of this run; manifest.jsonl lists the scenes"
+            )
         })
     };
     let places: Result<Vec<usize>, Failure> = args.scenes.iter().map(find).collect();

@@ -86,8 +86,8 @@ pub struct QueueError(pub String);
 pub trait Queue: Send + Sync {
     /// Leases a task, and waits up to `wait` until one is available. A `wait` of zero returns at once.
     fn take(&self, wait: Duration) -> Taken;
-    /// Publishes messages. On return the queue has them. Returns false if the queue already had one of them: the worker
-    /// with that message may have checked its scene and be about to finish the message.
+    /// Publishes messages. On return the queue has them. Returns false if the queue already had one of them. Another
+    /// worker may be about to finish that message, so the caller must not finish the lease that the messages replace.
     fn publish(&self, messages: &[Message]) -> Result<bool, QueueError>;
     fn renew(&self, lease: u64);
     /// Ends the lease of a task that is done or published again.
