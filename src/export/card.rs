@@ -144,7 +144,7 @@ fn left_out(plan: &ExportPlan) -> String {
     if missing > 0 {
         let _ = writeln!(
             text,
-            "{missing} scenes of the manifest were not rendered yet when this set was exported.\n"
+            "Scenes of the manifest that were not rendered yet when this set was exported: {missing}.\n"
         );
     }
     let quarantined = plan.quarantined().count();
@@ -154,7 +154,7 @@ fn left_out(plan: &ExportPlan) -> String {
     }
     let _ = writeln!(
         text,
-        "{quarantined} scenes are in quarantine: they could not be rendered.\n\n| scene | reason |\n|---|---|"
+        "Scenes in quarantine, because they could not be rendered: {quarantined}.\n\n| scene | reason |\n|---|---|"
     );
     for (scene, reason) in plan.quarantined().take(SHOWN) {
         let reason = reason.replace('|', "\\|").replace(['\n', '\r'], " ");

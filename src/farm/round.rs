@@ -29,7 +29,8 @@ pub(super) struct Round<'a> {
 pub(super) struct Carried {
     /// True if the next round must be full.
     pub(super) due: bool,
-    /// True if the queue was quiet. One quiet poll proves nothing, because a message may briefly be in neither count.
+    /// True if the queue was quiet. One quiet poll proves nothing, because a message may briefly count as neither
+    /// waiting nor held.
     pub(super) was_quiet: bool,
 }
 
@@ -48,7 +49,8 @@ pub(super) enum Decision {
 }
 
 /// Returns the decision after a poll, and the findings for the next round. That round must be full if no scene seems to
-/// be missing, the run is paused, the queue is lost, quiet or new, or a tuple or a quarantine record was removed.
+/// be missing, the run is paused, or the queue is lost or quiet; after a round that was not full, also if the queue is
+/// new or a tuple or a quarantine record was removed.
 pub(super) fn decide(round: &Round, before: Carried) -> (Decision, Carried) {
     let due = before.due || round.taken_back;
     let carried = |due| Carried { due, ..before };

@@ -123,7 +123,7 @@ fn unfinished_runs_need_a_flag() {
     let json = run(&partial).expect(3).json();
     assert_eq!([&json["missing"], &json["tuples"]["train"]], [&json!(1), &json!(4)]);
     let card = std::fs::read_to_string(out.join("README.md")).unwrap();
-    assert!(card.contains("1 scenes of the manifest were not rendered yet"), "{card}");
+    assert!(card.contains("not rendered yet when this set was exported: 1."), "{card}");
     // An incomplete export keeps its list of scenes, and a complete export with another list is refused.
     std::fs::rename(&aside, &tuple).unwrap();
     run(&partial).expect(5).says(&["without 1 scenes of the run"]);

@@ -313,7 +313,7 @@ impl Farm {
             }
             self.reconcile();
         }
-        Err(format!("only scenes {:?} have tuples", self.store.tuples.keys()))
+        Err(format!("some work remains; scenes {:?} have tuples", self.store.tuples.keys()))
     }
 
     fn work_until_idle(&mut self) -> Result<(), String> {
