@@ -153,8 +153,8 @@ fn text(report: &ErrorReport) -> String {
     text
 }
 
-/// Formats a table with one row for each layer. A row has the slopes of each variant, and its error and CPU time at the
-/// last rung.
+/// Formats a table with one row for each layer. A row has each variant's slopes, and the variant's error and CPU time
+/// at the last rung.
 fn summary(rows: &[LayerRow], slopes: &[Slope]) -> String {
     let top = rows.iter().map(|row| row.spp).max().unwrap_or(0);
     let heads =
