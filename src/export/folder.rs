@@ -56,7 +56,7 @@ pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportEr
     }
     if there.left_out != request.left_out {
         return Err(foreign(format!(
-            "holds a complete export without {} scenes of the run; this export would leave out {}",
+            "holds a complete export without {} of the run's scenes; this export would leave out {}",
             there.left_out.len(),
             request.left_out.len()
         )));

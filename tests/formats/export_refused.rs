@@ -126,7 +126,7 @@ fn unfinished_runs_need_a_flag() {
     assert!(card.contains("not rendered yet when this set was exported: 1."), "{card}");
     // An incomplete export keeps its list of scenes, and a complete export with another list is refused.
     std::fs::rename(&aside, &tuple).unwrap();
-    run(&partial).expect(5).says(&["without 1 scenes of the run"]);
+    run(&partial).expect(5).says(&["without 1 of the run's scenes"]);
     let whole = content(&out);
     for name in ["SHA256SUMS", "test-000000.tar"] {
         std::fs::remove_file(out.join(name)).unwrap();
