@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_without_training_says_so() {
+    fn a_section_without_training_has_a_note() {
         let dir = tempfile::tempdir().unwrap();
         let page = || training(dir.path()).into_string();
         assert!(page().contains("Nothing was trained"));

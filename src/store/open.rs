@@ -9,8 +9,8 @@ use std::time::Duration;
 /// Settings for opening a store.
 #[derive(Clone)]
 pub struct StoreOptions {
-    /// Credentials and endpoints, under object_store's names in any case: `AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`,
-    /// `GOOGLE_SERVICE_ACCOUNT`, ... Settings of other stores are ignored.
+    /// Credentials and endpoints, under object_store's names in upper or lower case: `AWS_ACCESS_KEY_ID`,
+    /// `AWS_ENDPOINT_URL`, `GOOGLE_SERVICE_ACCOUNT`, ... Settings of other stores are ignored.
     pub settings: Vec<(String, String)>,
     /// Time for which a call is repeated while the store is unavailable or busy.
     pub patience: Duration,
@@ -188,7 +188,7 @@ fn unknown(scheme: &str) -> String {
         "s3" | "s3a" => "s3",
         "gs" => "gcs",
         "az" | "azure" | "abfs" | "abfss" => "azure",
-        _ => return format!("the scheme {scheme}: is unknown"),
+        _ => return format!("the scheme `{scheme}` is unknown"),
     };
     format!("this program was built without the feature `{feature}`")
 }

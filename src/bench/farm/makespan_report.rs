@@ -131,7 +131,8 @@ impl fmt::Display for Makespan {
         for fault in self.runs.last().iter().flat_map(|run| &run.fault_texts) {
             writeln!(f, "{fault}")?;
         }
-        let same = if self.tuples_equal { "are bit by bit those" } else { "ARE NOT those" };
+        let same =
+            if self.tuples_equal { "are bit for bit equal to those" } else { "DIFFER from those" };
         write!(f, "the tuples of all runs {same} of one process")
     }
 }

@@ -205,8 +205,8 @@ Examples:
     Report(report::ReportArgs),
     /// Explain files: their kind, their scene and any damage
     #[command(after_help = "\
-Files are recognised mostly by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints,
-curves, event files, scores, exported archives, report pages, input files; and folders of a run, a tuple, a checkpoint.
+Recognises, mostly by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints, curves,
+event files, scores, exported archives, report pages, input files, and folders of a run, a tuple or a checkpoint.
 
 Exit code 4: a file is damaged, unknown or missing; the text names the damage, its place and a remedy.
 
@@ -218,7 +218,7 @@ Examples:
     /// Check this machine, a run's disk, a store and a queue, and give advice
     #[command(after_help = "\
 Checks processor and kernels, cores, memory, open files, clock, the bits of a reference shard, and the disk: space,
-speed, exclusive names, links, renames and locks. --store and --queue add checks of a store and a queue.
+speed, exclusive creation, links, renames and locks. --store and --queue add checks of a store and a queue.
 The checks create and remove files, an object and a stream.
 
 Exit code 1: a check failed. With warnings only, the exit code is 0.

@@ -37,7 +37,7 @@ pub struct ProbeRay {
     pub direction: [f32; 3],
 }
 
-/// Computes samples `first .. first + 256` of a pixel with the tracer's code, `[pixel x, pixel y, lens u, lens v]`;
+/// Computes `[pixel x, pixel y, lens u, lens v]` of a pixel's samples `first .. first + 256` with the tracer's code;
 /// `first` is a multiple of 256. Benchmarks time this function; [`super::sample`] defines the Sobol points.
 pub fn sample_block(
     sampling: Sampling,
@@ -141,8 +141,8 @@ impl<'a> BundleProbe<'a> {
     }
 
     /// Computes the span and walk of every bundle, and writes the inverse depths (1/m) of all hits to `hits`, in the
-    /// order of the rays. Benchmarks time this call. The result depends on the scene alone, not on `isa`. Panics if
-    /// `hits` has another length.
+    /// order of the rays. Benchmarks time this call. The result does not depend on `isa`. Panics if the length
+    /// of `hits` is not [`Self::len`].
     pub fn intersect(&self, isa: Isa, hits: &mut [f32]) {
         assert_eq!(hits.len(), self.len(), "a hit for each ray");
         match isa {
