@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn messages_of_other_runs_or_without_scene_or_shards_are_ignored() {
+    fn messages_with_another_run_an_unknown_scene_or_no_shards_are_ignored() {
         let read = |message: &TaskMessage, run, scenes| {
             read_message(&encode(message), run, scenes).unwrap().map(|message| message.task)
         };

@@ -60,7 +60,8 @@ fn every_layout_renders_and_the_clean_reflection_is_the_photograph() {
             lookup.map_or(String::new(), |(rmse, _)| format!("{rmse:.1e}")),
         );
         tuple.assert_sound();
-        // Another reader of the file counts the same holes. No surface of these sets is nearer than the pane.
+        // An independent reader of the depth file counts the same holes. No surface of these sets is nearer than the
+        // pane.
         assert_eq!(facts.filled_share.front, front.hole_share(&root, folder.path()));
         assert_eq!(facts.filled_share.back, back.hole_share(&root, folder.path()));
         assert_eq!(facts.too_near_share.front + facts.too_near_share.back, 0.0);
