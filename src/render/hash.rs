@@ -1,4 +1,5 @@
-//! SplitMix64 (Steele, Lea and Flood 2014), the 64-bit hash of sample points, procedural pictures and simulations.
+//! SplitMix64 (Steele, Lea and Flood 2014), the 64-bit hash that generates the seeds of samples and the random numbers
+//! of procedural pictures and simulations.
 
 /// 2^64 / golden ratio, odd: the increment of SplitMix64's state.
 pub const GOLDEN_GAMMA: u64 = 0x9e37_79b9_7f4a_7c15;

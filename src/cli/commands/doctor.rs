@@ -116,7 +116,7 @@ impl fmt::Display for Found {
     }
 }
 
-/// Returns the golden shard of a readable spec and, for an existing run, a finding that states if the run is usable.
+/// Returns the golden shard of a readable spec and, for an existing run, a finding on whether the run is usable.
 fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
     let spec = std::fs::read(folder.join(keys::SPEC)).ok();
     let golden =
