@@ -416,7 +416,8 @@ fn footprints_and_spans_are_conservative() {
         }
     }
     println!(
-        "{bundles} bundles: closest ray {closest:.4} px inside its box; spans {:.2} of the whole range",
+        "{bundles} bundles: closest ray {:.4} px inside its box; spans {:.2} of the whole range",
+        -closest,
         share / f64::from(bundles)
     );
 }
