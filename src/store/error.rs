@@ -81,8 +81,8 @@ fn is_distrust(error: &(dyn std::error::Error + 'static)) -> bool {
     error.is::<rustls::Error>() || inside.is_some_and(|error| is_distrust(error))
 }
 
-/// True if the object is absent. An object that is removed during a download over a lost connection gives another error
-/// than an object that never existed.
+/// True if the object is absent. If an object is removed while its download is interrupted, the error differs from that
+/// of an object that never existed.
 pub(super) fn is_absent(error: &object_store::Error) -> bool {
     use object_store::Error as E;
     match error {

@@ -28,7 +28,7 @@ impl Batch {
             Tensor::from_vec(values, shape, device).map(Some)
         };
         let needed = |layer: Option<Tensor>| {
-            layer.ok_or_else(|| candle_core::Error::Msg("an example has no input".to_owned()))
+            layer.ok_or_else(|| candle_core::Error::Msg("no input or no transmission".to_owned()))
         };
         Ok(Self {
             input: needed(stack(|e| Some(&e.input))?)?,

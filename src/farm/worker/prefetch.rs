@@ -120,8 +120,8 @@ impl<'a> Prefetcher<'_, 'a> {
     /// Returns the time to wait at the queue for a task.
     ///
     /// A busy worker must not wait there, or it takes a task that was donated for an idle worker. Slow workers poll,
-    /// too, because a donation to them would finish last. All other idle workers wait and also request work; they wait
-    /// only briefly at first, until they know the speed of others.
+    /// too, because a donation to them would finish last. All other idle workers wait. Their waits are short at
+    /// first, because a worker may not know yet that it is slower than others.
     fn wait(&self, idle: bool, hungry_since: Option<Instant>) -> Duration {
         match hungry_since {
             _ if self.worker.shared_queue.is_none() => WAIT,
