@@ -29,7 +29,9 @@ impl Networks<'_> {
     /// tiles and normalises each tile separately.
     pub fn separate(&self, image: &Picture, tile_px: usize) -> Result<[Picture; 2]> {
         let Some(separation) = self.separation else {
-            candle_core::bail!("the checkpoint has no SP-net: use a checkpoint of the separation stage");
+            candle_core::bail!(
+                "the checkpoint has no SP-net: use a checkpoint of the separation stage"
+            );
         };
         let both = self.by_tiles(separation, image, 6, tile_px)?;
         let (t, r) = both.split_at(both.len() / 2);
