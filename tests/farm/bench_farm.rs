@@ -114,4 +114,8 @@ fn impossible_measurements_are_refused() {
     run(&["bench", "farm", "--makespan", "--stop", "1@1+1"]).expect(2).says(&["--kill and --slow"]);
     let planned = run(&["bench", "farm", "--resume", "--dry-run", "--json"]).expect(0);
     assert_eq!(planned.json()["mode"], "resume");
+    // A dry run of a simulation simulates nothing.
+    let planned = run(&["bench", "farm", "--simulate", "--dry-run", "--json"]).expect(0).json();
+    assert_eq!((&planned["measured"], &planned["dry_run"]), (&false.into(), &true.into()));
+    assert!(planned["events"].is_null(), "{planned}");
 }

@@ -212,7 +212,11 @@ fn planning_sets_the_light_and_replaces_rejected_draws() {
 fn bounds_that_reject_every_draw_are_reported() {
     let place = tempfile::tempdir().unwrap();
     let recipe = place.path().join("wild.toml");
-    std::fs::write(&recipe, WILD.replace("[0.02, 0.8]", "[0.9999, 1.0]")).unwrap();
+    let impossible = WILD
+        .replace("[0.02, 0.8]", "[0.9999, 1.0]")
+        .replace("{ sample = 10 }", "{ sample = 1 }")
+        .replace("{ sample = 3 }", "{ sample = 1 }");
+    std::fs::write(&recipe, impossible).unwrap();
     let folder = place.path().join("run");
     run(&["plan", text(&recipe), "--out", text(&folder)]).expect(4).says(&[
         "all 64 draws, with different photographs, were rejected",

@@ -93,24 +93,35 @@ enum Mode {
 #[derive(Serialize)]
 struct Planned {
     measured: bool,
-    mode: Mode,
+    /// Absent for a simulation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mode: Option<Mode>,
     dry_run: bool,
 }
 
 impl fmt::Display for Planned {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let what = match self.mode {
-            Mode::Overhead => "the overhead of real workers on a queue and inside one process",
-            Mode::Makespan => "the makespan of real workers, without and with faults",
-            Mode::Resume => "the time to resume a half-finished run",
-        };
-        write!(f, "would measure {what}")
+        f.write_str(match self.mode {
+            None => "would simulate a farm",
+            Some(Mode::Overhead) => {
+                "would measure the overhead of real workers on a queue and inside one process"
+            }
+            Some(Mode::Makespan) => {
+                "would measure the makespan of real workers, without and with faults"
+            }
+            Some(Mode::Resume) => "would measure the time to resume a half-finished run",
+        })
     }
 }
 
 pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     if args.simulate {
-        output.show(SCHEMA, &simulate(&case(args)?)?);
+        let case = case(args)?;
+        if global.dry_run {
+            output.show(SCHEMA, &Planned { measured: false, mode: None, dry_run: true });
+        } else {
+            output.show(SCHEMA, &simulate(&case)?);
+        }
         return Ok(Exit::Done);
     }
     if args.workers > MOST_WORKERS {
@@ -125,8 +136,7 @@ pub(super) fn run(args: &BenchFarmArgs, global: &Global, output: &Output) -> Res
         _ => Mode::Overhead,
     };
     if global.dry_run {
-        let planned = Planned { measured: true, mode, dry_run: true };
-        output.show(SCHEMA, &planned);
+        output.show(SCHEMA, &Planned { measured: true, mode: Some(mode), dry_run: true });
         return Ok(Exit::Done);
     }
     let signals = Signals::catch();
