@@ -56,7 +56,7 @@ fn say(found: &mut Inspection, header: &PartialHeader, name: &str) {
     }
     if header.tracer_version != TRACER_VERSION {
         found.next.push(format!(
-            "this program has another tracer version, {TRACER_VERSION}: all partials of a run must have the same"
+            "this program has another tracer version, {TRACER_VERSION}: all partials of a run must have the same version"
         ));
     }
     if keys::shard_of(name).is_some_and(|shard| shard != header.shard) {

@@ -9,7 +9,7 @@ pub enum Event {
     Started {
         /// Number of shards of the `scenes`; a coordinator counts each scene as one shard.
         shards: u64,
-        /// Number of all scenes in a farm, or of the scenes without a tuple on one machine.
+        /// In a farm, the number of all scenes; on one machine, the number of scenes without a tuple.
         scenes: u64,
     },
     /// A scene is loaded; its shards are traced next.
@@ -35,7 +35,7 @@ pub enum Event {
     StoreLost { reason: String },
     /// A child process traces a scene that was lost with an earlier process.
     Sandboxed { scene: SceneId },
-    /// The child process of such a scene was lost, too.
+    /// The child process of a [`Event::Sandboxed`] scene was lost, too.
     ChildLost { scene: SceneId, reason: String },
     /// This process aborts because of `--fault`.
     Aborts {
