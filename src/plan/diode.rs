@@ -27,7 +27,8 @@ pub struct SourceImage {
     pub scene: String,
     /// Name of the scan, which has the views from one standpoint; derived from the photograph's path if it has no scan.
     pub scan: String,
-    /// For a photograph of a list: the whole side, named `color`. It replaces the source's keys and the other paths.
+    /// For a photograph of a list: the whole side, which replaces the source's keys and the other paths. `color` is its
+    /// name.
     pub side: Option<Side>,
     /// For a photograph of a list: values of `"from_source"` parameters.
     pub values: BTreeMap<String, f64>,

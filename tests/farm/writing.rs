@@ -35,8 +35,8 @@ fn a_slow_writer_blocks_the_compute_threads() {
             }
             let left = SCENES * SHARDS - before;
             assert!(last < SCENES * SHARDS, "no shard was left");
-            // Each thread may have a shard with an unfinished event, a shard that waits for the channel, and the last
-            // shard of a scene; the channel has one place per thread.
+            // Each thread may have a traced shard that `before` does not count yet, a shard that waits for the channel,
+            // and the last shard of a scene; the channel has one place per thread.
             assert!(last - before <= 4 * threads, "{before} {last} {left}");
             held.fetch_add(1, Ordering::SeqCst);
         };
