@@ -89,7 +89,7 @@ fn content(rows: &[&Row], done: usize, noise_maps: usize) -> Markup {
             b { "I" } " is the camera's image; " b { "T" } " is the scene behind the glass, bent but not weakened by it; "
             b { (PAPER_SYMBOLS[Layer::GlassReflection]) } " is the scene reflected by both faces of the glass, through \
             the lens; " b { "R" } " is the reflected scene without glass and lens. The error below a layer is its stated \
-            RMS error over film and colours, linear radiance."
+            RMS error over film and colours, in linear radiance."
         }
         @if noise_maps > 0 {
             p {
