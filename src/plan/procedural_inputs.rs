@@ -33,7 +33,8 @@ fn inputs_folder(run: &Path, source: &str) -> PathBuf {
     run.join("inputs").join(source)
 }
 
-/// Writes the photographs missing in the run's folder. `on_photograph` receives (done, all), which count only these.
+/// Writes the photographs that are missing from the run's folder. `on_photograph` receives the number of photographs
+/// that this call has written so far, and the number that were missing at its start.
 pub fn make_photographs(
     run: &Path,
     all: &[ProceduralPhotograph],

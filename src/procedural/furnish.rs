@@ -28,7 +28,7 @@ pub(super) struct Room<'a> {
     pub(super) style: &'a Style,
     /// The point on the floor that the camera faces.
     pub(super) focus: Vec3,
-    /// Half of the back wall that has no window, as the sign of the wall's x.
+    /// Windowless half of the back wall, as the sign of the wall's x.
     pub(super) free: f32,
 }
 

@@ -168,7 +168,7 @@ impl Store {
     fn absent(&self, key: &str) -> Result<Fetched, StoreError> {
         let look = || async { self.objects.list(None).try_next().await };
         match RUNTIME.block_on(with_patience(self.patience, look)) {
-            // If listing is not permitted, the server already reports absent objects as forbidden.
+            // `PermissionDenied` is rare here: if listing is not permitted, S3 reports absent objects as forbidden.
             Ok(_) | Err(object_store::Error::PermissionDenied { .. }) => Ok(Fetched::Absent),
             Err(error) => Err(self.failed("read", key, &error)),
         }

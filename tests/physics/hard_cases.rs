@@ -95,7 +95,7 @@ fn films_of_one_pixel_row_or_column_render() {
 }
 
 #[test]
-fn a_light_of_a_million_renders() {
+fn a_light_with_a_radiance_of_two_million_renders() {
     let mut case = ordinary();
     for photo in [&mut case.front, &mut case.back] {
         photo.texels[200] = [1e6, 2e6, 1e6, 0.0];
