@@ -21,7 +21,7 @@ pub(super) fn random(k: u64) -> f64 {
     (x >> 40) as f64 / f64::from(1 << 24)
 }
 
-/// Makes a surface with plates, skirts and noise.
+/// Makes a surface of flat plates, steep cells between them (skirts), and noise.
 pub(super) fn rough(nx: usize, ny: usize, key: u64) -> Grid {
     let w = (0..nx * ny)
         .map(|q| {
