@@ -29,7 +29,8 @@ const COLOURS: [[u8; 3]; 9] = [
     [0xfd, 0xe7, 0x25],
 ];
 
-/// Draws all layers with a map in one picture, two per row. Also returns these layers' symbols, in order.
+/// Draws one picture of all noise maps that are not empty, two per row. Also returns the symbols of their layers, in
+/// order.
 pub(super) fn noise_picture(map: &NoiseMap) -> (RgbImage, Vec<&'static str>) {
     let mut made = Layer::ALL.to_vec();
     made.retain(|&layer| !map.layers[layer].is_empty());
