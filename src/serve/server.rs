@@ -38,14 +38,14 @@ pub trait FarmSource: Send + Sync {
     /// Returns a small PNG of a layer of a scene's tuple (at most 256 px a side), if the tuple has it. `layer` is one
     /// of [`render::layer::Layer::NAMES`]; the scene may not exist.
     fn thumbnail(&self, scene: &SceneId, layer: &str) -> Option<Vec<u8>>;
-    /// Carries out an action of a request with the token. The error is a message for the user.
+    /// Carries out an action; the server has already checked the request's token. The error is a message for the user.
     fn act(&self, action: Action) -> Result<(), String>;
 }
 
 /// The reason why the server cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The address is in use, is not one of this machine, or is forbidden.
+    /// The address is in use, does not belong to this machine, or is forbidden.
     #[error(
         "cannot listen on {address}: {source}; choose another address (port 0 picks a free one)"
     )]
