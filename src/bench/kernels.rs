@@ -132,7 +132,8 @@ fn timed(isas: &[Isa], passes: usize, mut pass: impl FnMut(Isa) -> f64) -> Vec<T
     isas.iter().zip(seconds).map(timed).collect()
 }
 
-/// Times span and walk of a scene's kernels: t0 and t1 of the front; r0, r1 (both apexes) and R (`camera`) of the back.
+/// Times the span and the walk of a scene's kernels: t0 and t1 of the front; r0, r1 (both apexes) and R (`camera`) of
+/// the back.
 pub fn kernels(
     scene: &BenchScene,
     isas: &[Isa],

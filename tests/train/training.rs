@@ -291,7 +291,7 @@ fn training_follows_a_running_farm() {
 }
 
 #[test]
-fn mixtures_of_photographs_and_real_pairs_are_examples() {
+fn real_pairs_and_mixtures_of_photographs_are_examples() {
     let place = place();
     for kind in ["zhang", "ceilnet"] {
         let place = self::place();
@@ -315,7 +315,7 @@ fn mixtures_of_photographs_and_real_pairs_are_examples() {
     let ended = place.train("separation", "6", &more);
     assert_eq!(ended["real_pairs"].as_u64(), Some(scenes.len() as u64));
     let csv = std::fs::read_to_string(place.run.join("train/separation/metrics.csv")).unwrap();
-    // A real pair has only T, so every other line has no loss of R~.
+    // A real pair has no R~, so every other line has no loss of R~.
     let known: Vec<bool> =
         csv.lines().skip(1).map(|l| !l.split(',').nth(4).unwrap().is_empty()).collect();
     assert_eq!(known.iter().filter(|k| **k).count(), 3, "{csv}");
