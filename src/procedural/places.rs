@@ -1,4 +1,5 @@
-//! Photographs in the layout of PLACES365: JPEGs by category, and relative inverse depth like estimates of networks.
+//! Photographs in the layout of PLACES365: JPEGs by category, and maps of relative inverse depth, like those that depth
+//! networks estimate.
 //!
 //! ```text
 //! DIR/data_256/LETTER/CATEGORY[/KIND]/00000001.jpg
