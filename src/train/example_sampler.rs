@@ -178,7 +178,7 @@ impl ExampleSampler {
         ))
     }
 
-    /// Returns the index among `count` at a position. Shuffles each epoch separately, but not the first with `follow`.
+    /// Maps a position to an index below `count`. Shuffles every epoch separately, except the first with `follow`.
     fn place(&self, position: u64, count: usize, name: &'static str) -> usize {
         let (epoch, place) = (position / count as u64, (position % count as u64) as usize);
         if self.settings.follow && epoch == 0 {
