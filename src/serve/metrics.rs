@@ -49,7 +49,7 @@ pub(super) fn metrics(view: &FarmView) -> String {
     let newest = view.recent.iter().map(|tuple| tuple.age_s);
     out.one(
         "last_tuple_age_seconds",
-        "Seconds since the last tuple was finished.",
+        "Seconds since the coordinator found the newest tuple; 0 if the tuple is older than the coordinator.",
         newest.min_by(f64::total_cmp),
     );
     out.0

@@ -174,7 +174,7 @@ struct Audited<'a> {
     share: f64,
 }
 
-/// Makers of some scenes, and the numbers of these scenes that differ and that were compared.
+/// Counts of the scenes that one worker, or one group of workers, made: scenes that differ, and all compared scenes.
 #[derive(Serialize)]
 struct WorkerAudit {
     worker: String,
@@ -258,7 +258,7 @@ fn amount(difference: &FileDifference) -> String {
             )
         }
         (Some(_), Some([x, y])) => {
-            format!("{pixels} of {all} pixels differ; at x {x}, y {y} a value is not a number")
+            format!("{pixels} of {all} pixels differ; at x {x}, y {y} a value is not finite")
         }
         _ => difference.note.clone(),
     }
