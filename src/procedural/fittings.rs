@@ -7,7 +7,6 @@ use super::random::Stream;
 use super::style::{Style, accent};
 use glam::{Vec2, Vec3};
 
-/// Builds a floor lamp.
 pub(super) fn floor_lamp(b: &mut Builder, f: &Frame, style: &Style) {
     b.post(f, [0.0; 3], [0.15, 0.14], 0.025, style.metal);
     b.post(f, [0.0; 3], [0.012, 0.012], 1.45, style.metal);
@@ -15,7 +14,6 @@ pub(super) fn floor_lamp(b: &mut Builder, f: &Frame, style: &Style) {
     b.lamp(f, [0.0, 1.5, 0.0]);
 }
 
-/// Builds a table lamp.
 pub(super) fn table_lamp(b: &mut Builder, f: &Frame, style: &Style) {
     b.post(f, [0.0; 3], [0.08, 0.05], 0.05, style.accent);
     b.ball(f, [0.0, 0.12, 0.0], [0.07, 0.09, 0.07], style.accent.glossy(0.05));

@@ -30,7 +30,7 @@ pub(crate) struct Explanation {
     pub(crate) tile_px: u32,
     /// Number of sample ranges per tile.
     pub(crate) ranges: u32,
-    /// Shards with partials, as half-open ranges.
+    /// Shards with partials, or all shards if the tuple exists, as half-open ranges.
     pub(crate) there: Vec<[u32; 2]>,
     /// The other shards, as half-open ranges.
     pub(crate) missing: Vec<[u32; 2]>,
