@@ -29,8 +29,9 @@ fn own_roots(run: &Run) -> impl Iterator<Item = (&String, &PathBuf)> {
     roots.filter(|(_, folder)| folder.is_relative() && !is_url(folder))
 }
 
-/// Puts the files of the run's own roots that its scenes need, unless the store is the run's folder. Skips files that
-/// are absent here: another coordinator has put them, or the workers' machines have them.
+/// Puts the files that the scenes need from the run's own roots into the store, unless the store is the run's folder.
+/// Skips files that are absent here: another coordinator has put them into the store, or the workers' machines have
+/// them.
 fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
     let is_own = |root: &Path| root.canonicalize().ok() == run.root().canonicalize().ok();
     if store.local_root().is_some_and(is_own) {

@@ -20,7 +20,7 @@ pub enum SceneState {
 }
 
 impl SceneState {
-    /// Returns the state of a scene of `shards` shards without a tuple.
+    /// Returns the state of a scene that has `shards` shards and no tuple.
     pub(crate) fn of_unfinished(
         is_quarantined: bool,
         partials: u32,
@@ -80,7 +80,7 @@ pub struct Counts {
     pub scenes: u64,
     /// Number of scenes with a tuple.
     pub merged: u64,
-    /// Number of scenes with partials that have no tuple and are not in quarantine.
+    /// Number of scenes that have partials but no tuple, and are not in quarantine.
     pub started: u64,
     pub waiting: u64,
     /// Number of shards in the manifest.
@@ -94,7 +94,7 @@ pub struct Counts {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Quarantined {
     pub scene: String,
-    /// Error that put the scene into quarantine, such as that of an input file with a remedy.
+    /// Message of the error that put the scene into quarantine; it may contain a remedy.
     pub reason: String,
 }
 

@@ -2,8 +2,8 @@
 //!
 //! A *leak* is a ray that the kernel lets pass, although it hits the mesh in f64: f64 finds hits for the ray and for
 //! its neighbours at a distance of [`NEAR_PX`], in the 3 x 3 quads around the target of the ray, and the kernel's hit
-//! lies behind all of these. f32 cannot distinguish rays at smaller distances, so both sides of a rim are correct for
-//! such rays. A *stray* is a hit that does not lie on the mesh.
+//! lies behind all of these hits. f32 cannot distinguish rays at smaller distances, so both sides of a rim are correct
+//! for such rays. A *stray* is a hit that does not lie on the mesh.
 
 use super::{LANES, full_span, random};
 use crate::formats::{NamedBytes, PhotographFiles};
