@@ -51,7 +51,7 @@ pub(super) fn pairs<'a>(
         *scans.entry(scan_of(image)).or_default() += 1;
     }
     match scans.iter().max_by_key(|(_, size)| **size) {
-        // One scan has more than half of all photographs, so these are paired with the others.
+        // One scan has more than half of all photographs, so its photographs are paired with the others.
         Some((largest, &size)) if scans.len() > 1 && 2 * size > subset.len() => {
             let inside = of(subset, |image| scan_of(image) == *largest);
             let outside = of(subset, |image| scan_of(image) != *largest);

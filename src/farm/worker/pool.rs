@@ -1,5 +1,5 @@
-//! The compute threads. Each thread first takes a job, then a band from its own deque, then a band from another
-//! thread's deque. If all of these are empty, it opens the next scene and fills its own deque.
+//! The compute threads. Each thread takes jobs first, then bands from its own deque, then bands from other threads'
+//! deques. If there is neither a job nor a band, it opens the next scene and fills its own deque.
 
 use super::core::Worker;
 use super::jobs::{Band, Loaded, Order};

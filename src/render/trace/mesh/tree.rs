@@ -49,8 +49,9 @@ impl Tree {
         if triangles.is_empty() {
             return (tree, Vec::new());
         }
-        // Over 1/m of w, a ray moves sideways by `lateral_m`. With w in this scale, the builder's box areas are those
-        // that such rays see. The scale is a power of two, so it adds no rounding.
+        // Over 1/m of w, a ray moves sideways by `lateral_m`. With w in this scale, the surface area of a box, on which
+        // the builder's choices depend, is roughly proportional to the probability that such a ray hits the box. The
+        // scale is a power of two, so it adds no rounding.
         let exponent = libm::round(libm::log2(lateral_m.clamp(1.0e-4, 1.0)));
         let scale = libm::exp2(exponent) as f32;
         let boxes: Vec<Aabb> = triangles
