@@ -49,8 +49,8 @@ pub struct Report {
     pub damaged: Vec<(SceneId, String)>,
 }
 
-/// Writes the page of a run with its objects in `store`, to `path` or into the run's folder. The page and the result
-/// name damaged tuples.
+/// Reads a run's objects from `store` and writes its page to `path`, or into the run's folder if `path` is `None`. The
+/// page and the result name damaged tuples.
 pub fn write_report(run: &Run, store: &Store, path: Option<&Path>) -> Result<Report, ReportError> {
     let mut survey = Survey::of(run, store)?;
     let sheet = sheet(run, store, &survey)?;

@@ -107,7 +107,8 @@ fn make(context: &Context, name: &str) -> Result<(SystemTime, [SystemTime; 2]), 
     let after = SystemTime::now();
     let nanoseconds = stream.cached_info().created.unix_timestamp_nanos();
     let since = Duration::from_nanos(u64::try_from(nanoseconds).unwrap_or(0));
-    // If the removal fails, an empty stream remains, which the next `doctor` of this name uses again.
+    // If the removal fails, an empty stream remains. A later `doctor` rarely uses it again, because the client name
+    // contains the process ID.
     let _ = within(ANSWER, context.delete_stream(name));
     Ok((UNIX_EPOCH + since, [before, after]))
 }

@@ -24,7 +24,7 @@ pub(crate) enum ExposureError {
     /// The drawn parameters do not fit the photographs.
     #[error(transparent)]
     Refused(#[from] AssembleError),
-    #[error("I is black: no exposure or white balance brightens it")]
+    #[error("I is too dark: the exposure's percentile or the mean of a colour channel is 0")]
     Black,
 }
 
