@@ -3,7 +3,7 @@
 //! Inverse depth is interpolated, because it is linear across the image of a plane. The bits are reproducible: one
 //! thread, a fixed order, sums in `f64`.
 
-/// Fills holes by pull-push interpolation (Gortler et al., "The Lumigraph", 1996, section 3.5).
+/// Fills holes by pull-push interpolation (Gortler et al., "The Lumigraph", 1996).
 ///
 /// Pull: a coarse pixel is the unweighted mean of the valid pixels among its 2x2 children; the top level is the first
 /// without holes. Push: a hole takes 9/16 of its parent, 3/16 of each of the parent's two neighbours on the hole's
