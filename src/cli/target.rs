@@ -57,7 +57,7 @@ fn check(run: &Run, store: &Store) -> Result<(), Failure> {
     }
     Err(failure!(
         Exit::Disagrees,
-        "{} holds another run than {}: their {} differ; give the store of this run",
+        "{} holds another run than {}: their {} files differ; give the store of this run",
         store.name(),
         run.root().display(),
         keys::SPEC
