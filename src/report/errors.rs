@@ -41,7 +41,8 @@ pub(super) fn errors(run: &Run, survey: &Survey) -> Markup {
             @if known == 0 {
                 "Workers have not reported the cost of single scenes yet."
             } @else if known < survey.done.len() {
-                "The cost of " (known) " scenes is known; the logs lack or repeat shards of the other scenes."
+                "The cost is known for " (known) " of " (survey.done.len()) " scenes; the logs lack or \
+                repeat shards of the other scenes."
             }
         }
         div.plots.wide {

@@ -162,7 +162,7 @@ fn glass_with_the_ior_of_air_has_no_effect() {
     check("ior 1", &case);
 }
 
-/// A pane without thickness bends nothing: I = total T x front + total R x back, seen from the same point.
+/// A pane without thickness bends nothing: I = total transmittance x T + total reflectance x R.
 #[test]
 fn thin_glass_splits_light_and_bends_nothing() {
     let mut case = case();

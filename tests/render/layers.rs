@@ -1,4 +1,5 @@
-//! Tests `film.layers` (other layers do not change) and `film.target_error` (threads, tiles and kills change no bit).
+//! Tests `film.layers` (an omitted layer changes no other layer) and `film.target_error` (threads, tiles and kills
+//! change no bit).
 
 use crate::support::outputs::{Content, Tuples, assert_same, assert_tidy, tuple_record, tuples};
 use crate::support::program::{command, run, text, wait_until};
