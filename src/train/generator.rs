@@ -1,4 +1,4 @@
-//! The generator of Zhang, Ng and Chen (CVPR 2018), with hypercolumn, dilated convolutions and adaptive norm. SP-net
+//! The generator of Zhang, Ng and Chen (CVPR 2018), with a hypercolumn, dilated convolutions and adaptive norms. SP-net
 //! and BT-net share the architecture.
 
 use super::ops::{NormOptions, Window, bilinear, conv2d, norm_act};
@@ -28,7 +28,8 @@ pub struct GeneratorOptions {
 }
 
 pub struct Generator {
-    /// The first kernel is (width, inputs, 1, 1), for coarse to fine features and RGB; others are (width, width, 3, 3).
+    /// The first kernel is (width, inputs, 1, 1); its inputs are the features, coarsest first, and then RGB. The others
+    /// are (width, width, 3, 3).
     kernels: Vec<Var>,
     /// Parameters of each layer's adaptive norm, `by_itself x + by_norm (norm(x) + offset)`.
     by_itself: Vec<Var>,
