@@ -1,4 +1,4 @@
-//! `glasshouse bench`: measures speed and error. The pipeline uses this module only for the estimate of `plan`.
+//! `glasshouse bench`: measures speed and error. Other commands use only its calibration and two message texts.
 //!
 //! ```text
 //! scenes -> kernels (-> dump)                                  bench trace: rays per second

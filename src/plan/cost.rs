@@ -23,7 +23,7 @@ const SECONDS_PER_TUPLE_PIXEL: f64 = 5e-7;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Calibration {
     pub scenes: Vec<SceneId>,
-    /// Seconds of one core per camera sample, with all `film.spp` samples counted.
+    /// Seconds of one core per camera sample; an adaptive scene counts as `film.spp` samples per pixel.
     pub seconds_per_sample: f64,
     /// Seconds of one core for reading and decoding a scene's files.
     pub seconds_per_load: f64,

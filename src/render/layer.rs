@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::{Index, IndexMut};
 
-/// One of the four images of a scene, in the order of all files and arrays.
+/// One of the four images of a scene. Arrays in code and JSON have the order of the variants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Layer {
     /// I: the front scene through the pane, with the reflection.

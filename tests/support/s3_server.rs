@@ -3,7 +3,7 @@
 //! Other processes send it requests over TCP. A seed determines the faults: responses 500 and 503, slow responses, and
 //! connections that end before the server gets the request, after it handles the request (the put takes effect, but its
 //! response is lost) or in the middle of a response. The server handles conditional puts one at a time, so that S3's
-//! rule holds and one of two simultaneous puts fails; s3s-fs alone checks and then writes.
+//! rule holds and one of two simultaneous puts fails; the check and the write of s3s-fs are not atomic.
 
 use super::program::runtime;
 use axum::body::Body;
