@@ -299,8 +299,8 @@ impl Recipe {
         Ok(recipe)
     }
 
-    /// Returns the named roots of the scene lines: those `given`, and the other `root`s and `depth_root`s below `base`,
-    /// the folder of the recipe. Omits `sample` sources, because planning writes them into the run's folder.
+    /// Returns the named roots of the scene lines: those `given`, and the recipe's other `root`s and `depth_root`s,
+    /// resolved against its folder `base`. Omits `sample` sources, because planning writes them into the run's folder.
     pub fn roots(&self, base: &Path, given: &Roots) -> Roots {
         let mut roots = given.clone();
         for (name, source) in &self.sources {
