@@ -1,9 +1,10 @@
-//! `glasshouse bench`: measures speed and error. The pipeline uses this module only for the estimate of `plan`.
+//! `glasshouse bench`: measures speed and error. Other commands use this module only for the estimate of `plan` and two
+//! texts of progress messages.
 //!
 //! ```text
 //! scenes -> kernels (-> dump)                                  bench trace: rays per second
-//!        -> calibrate                                          plan: core seconds of a run
 //!        -> reference, ladder -> deviation -> fit -> table, plot bench error: error against CPU seconds
+//! calibrate                                                    plan: core seconds of a run
 //! train_step                                                   bench train: CPU seconds of a step and its parts
 //! farm                                                         bench farm: overhead, makespan, resuming
 //! ```
