@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! scenes -> kernels (-> dump)                                  bench trace: rays per second
-//!        -> calibrate                                          plan: core seconds of a run
 //!        -> reference, ladder -> deviation -> fit -> table, plot bench error: error against CPU seconds
+//! calibrate                                                    plan: core seconds of a run
 //! train_step                                                   bench train: CPU seconds of a step and its parts
 //! farm                                                         bench farm: overhead, makespan, resuming
 //! ```
