@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::process::Child;
 use std::time::Duration;
 
-/// Time longer than that between two polls of a folder.
+/// A time longer than the interval between two polls of a folder.
 const LOOK: Duration = Duration::from_millis(2500);
 
 fn status(place: &Place, more: &[&str]) -> Value {
