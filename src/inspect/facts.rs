@@ -135,7 +135,8 @@ pub(super) fn first_of<T: AsRef<str>>(names: &[T], shown: usize) -> String {
     text
 }
 
-/// Formats a value as text: a list with objects as its length, and an object as its keys, with values if all are plain.
+/// Formats a value as text. The text of a list that contains an object is its length. The text of an object is its
+/// keys, and also its values if none of them is a list or an object.
 pub(super) fn text_of(value: &Value) -> String {
     match value {
         Value::Null => "none".to_owned(),
