@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 pub(super) const SIGN: &str = "alive";
 /// Prefix of the line that the child prints before it exits because it hangs.
 pub(super) const HUNG: &str = "hung: ";
-/// Number of last lines to keep of a child's messages.
+/// Number of lines to keep from the end of a child's messages.
 const TAIL_LINES: usize = 20;
 
 /// Shards A to B - 1 of a scene, from the argument `SCENE:A-B`.

@@ -133,9 +133,9 @@ impl<'a> Assignment<'a> {
         Ok(pair)
     }
 
-    /// Selects a photograph for one side, if possible from another scan than the partner's and of the original's place.
-    /// May select the original again if it is not excluded. Rendezvous hashing keeps the choice when the subset loses
-    /// other photographs.
+    /// Selects a photograph for one side: if possible, from a different scan than the partner, and of the same place as
+    /// the original. May select the original again if it is not excluded. Rendezvous hashing keeps the choice when the
+    /// subset loses other photographs.
     fn substitute(
         &self,
         scene: &AssignedScene<'a>,

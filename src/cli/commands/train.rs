@@ -50,7 +50,7 @@ pub(super) struct TrainArgs {
     /// Number of scenes that validate every checkpoint: the first ones of the split "test"
     #[arg(long, value_name = "N", default_value_t = VALIDATE)]
     validate: usize,
-    /// Write a grid of pictures every K steps; 0 for none [default: that of --checkpoint-every]
+    /// Write a grid of pictures every K steps; 0 for none [default: the value of --checkpoint-every]
     #[arg(long, value_name = "K")]
     pictures_every: Option<u64>,
     /// Memory for cached examples, GB; a data set that fits is read once

@@ -57,7 +57,7 @@ fn at(row: &[f64], place: isize, border: Border) -> f64 {
     }
 }
 
-/// Returns an odd number `width` of Gaussian weights with sum 1.
+/// Returns `width` Gaussian weights with sum 1; `width` must be odd.
 pub(super) fn gaussian(width: usize, sigma: f64) -> Vec<f64> {
     let middle = (width / 2) as f64;
     let weights: Vec<f64> =
