@@ -32,7 +32,7 @@ pub struct Mixture {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MixtureError {
     #[error(
-        "front has {} x {} px and {} values, back has {} x {} px and {}; give two pictures of one size with three values per pixel",
+        "front has {} x {} px and {} values, and back has {} x {} px and {} values; give two pictures of one size with three values per pixel",
         front[0], front[1], front[2], back[0], back[1], back[2]
     )]
     Sizes {
