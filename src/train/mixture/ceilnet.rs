@@ -11,7 +11,7 @@ use crate::Stream;
 /// Width of the blur's window, px.
 const WINDOW_PX: usize = 11;
 
-/// Factor of the mean excess over 1 that is subtracted from the reflection.
+/// Factor of the sums' mean excess over 1; the product is subtracted from the reflection.
 const OVERFLOW_FACTOR: f64 = 1.3;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

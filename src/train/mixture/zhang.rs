@@ -23,7 +23,7 @@ const SIGMA_COUNT: usize = 80;
 pub struct ZhangDraw {
     /// Standard deviation of the blur, px: one of 80 values from 1 to 5.
     pub sigma_px: f64,
-    /// Factor of the mean excess over 1 that is subtracted from the reflection: 1.08 to 1.18.
+    /// Factor, 1.08 to 1.18, of the sums' mean excess over 1; the product is subtracted from the reflection.
     pub attenuation: f64,
     /// The vignette's column at the picture's left border.
     pub mask_column: usize,
