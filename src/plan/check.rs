@@ -287,7 +287,7 @@ mod tests {
     fn files_of_any_length_are_checked() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("depth.npy");
-        // Lengths around START_BYTES and END_BYTES.
+        // Counts for files shorter than START_BYTES, and longer than START_BYTES + END_BYTES.
         for count in [1, 4000, 4060, 4064, 4068, 4100, 9000] {
             let text =
                 format!("{{'descr': '<f4', 'fortran_order': False, 'shape': (1, {count:5}), }}");

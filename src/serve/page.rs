@@ -124,9 +124,9 @@ fn alerts(view: &FarmView) -> Markup {
     let is_silent = |worker: &WorkerView| worker.state == WorkerState::Silent;
     html! {
         @if !view.queue.connected {
-            @let reason = view.queue.reason.as_deref().unwrap_or("it does not answer");
+            @let reason = view.queue.reason.as_deref().unwrap_or("the server does not answer");
             div.card.alert data-key="queue" {
-                b.bad { "No queue." } " " (sentence(reason))
+                b.bad { "No queue:" } " " (sentence(reason))
                 " Workers finish their leased tasks; the coordinator keeps trying."
             }
         }

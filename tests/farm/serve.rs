@@ -306,14 +306,14 @@ fn the_page_reports_an_absent_queue_and_absent_workers() {
     let run = run();
     let server = start(&run, Some(TOKEN));
     let page = || get(server.address(), "/").expect(200).text().to_owned();
-    assert!(!page().contains("No queue."));
+    assert!(!page().contains("No queue:"));
     {
         let mut view = run.view.lock().unwrap();
         view.queue.connected = false;
         view.queue.reason = Some("connection refused".to_owned());
         view.workers.clear();
     }
-    assert!(page().contains("No queue.</b> connection refused. Workers"));
+    assert!(page().contains("No queue:</b> connection refused. Workers"));
     assert!(page().contains("No worker."));
     run.view.lock().unwrap().state = RunState::Paused;
     assert!(page().contains("/api/resume") && !page().contains("/api/pause"));
