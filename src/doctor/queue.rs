@@ -10,7 +10,7 @@ use serde_json::json;
 /// Oldest server version with all required functions.
 const OLDEST: [u32; 3] = [2, 9, 10];
 const RECOMMENDED: [u32; 3] = [2, 12, 0];
-/// Answer time above which a server is too slow, because workers query it for every task, s.
+/// Answer time above which a server is too slow, s. Workers query the server for every task.
 const SLOW_S: f64 = 0.5;
 
 /// Connects and queries the limits; if the server answers, also creates and removes a small stream in memory.

@@ -6,7 +6,7 @@ use super::picture::Picture;
 use super::vgg::Vgg;
 use candle_core::{Result, Tensor};
 
-/// Least overlap of neighbouring tiles, px: the reach of a generator's convolutions together.
+/// Least overlap of neighbouring tiles, px: the combined reach of a generator's convolutions.
 const OVERLAP: usize = 128;
 
 /// Least side of an image for VGG-19 with its four pools, px.

@@ -78,7 +78,8 @@ impl Vgg {
         })
     }
 
-    /// Builds the network. `layer` returns kernel and bias of a convolution, given its index, outputs and inputs.
+    /// Builds the network. `layer` returns the kernel and the bias of a convolution from its index in torchvision and
+    /// its numbers of outputs and inputs.
     fn of<E: From<candle_core::Error>>(
         narrow: usize,
         device: &Device,
