@@ -144,7 +144,7 @@ impl Search {
         let mut pairs = Vec::new();
         for ((name, _), files) in std::mem::take(&mut self.by_name) {
             let reason = if files.iter().any(|of_role| of_role.len() > 1) {
-                format!("several files of {name} have one role; keep one of them")
+                format!("several files of {name} have the same role; keep one file per role")
             } else if files[Role::Blended as usize].is_empty() {
                 format!("{name} has no blended picture; add it")
             } else if files[Role::Transmission as usize].is_empty() {

@@ -70,7 +70,7 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
         && record.inputs != loaded.scene().inputs
     {
         output.warning(
-            "the input files differ from those of the tuple, so its pixels will differ, too",
+            "the input files differ from those of the tuple, so the new pixels will differ, too",
         );
     }
     if global.dry_run {
@@ -132,8 +132,8 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     if record.tracer_version != TRACER_VERSION {
         return Err(failure!(
             Exit::Disagrees,
-            "tracer version {} made the tuple, but this program has {TRACER_VERSION}: its pixels would differ; use \
-             that version, or render its \"scene\" as a scene file",
+            "tracer version {} made the tuple, but this program has {TRACER_VERSION}, so the pixels would \
+             differ; use the tuple's version, or render the tuple's \"scene\" as a scene file",
             record.tracer_version
         ));
     }

@@ -1,7 +1,7 @@
 //! Checks an input file by its beginning and end.
 //!
-//! Refuses no file that a scene can use: if the header is not conclusive, the caller reads the whole file. Does not
-//! check the pixels (NaN, no valid depth).
+//! Refuses no file that a scene can use: if the header is not conclusive, the caller reads the whole file. [`look`]
+//! does not check the pixels (NaN, no valid depth).
 
 use super::{color, depth, mask, panorama};
 use crate::formats::error::SceneError;

@@ -61,8 +61,8 @@ impl ShardLayout {
         Self { width, height, spp, samples_per_range: samples_per_range(spp), tile_px }
     }
 
-    /// Divides the scene of a manifest line. An adaptive scene has one range, because a cell's decision needs all its
-    /// samples. The tiles of such a scene consist of whole cells, so `tile_px` is rounded up.
+    /// Divides the scene of a manifest line. An adaptive scene has one range, because a cell's sample count depends
+    /// on all of its earlier samples. The tiles of such a scene consist of whole cells, so `tile_px` is rounded up.
     pub fn of(line: &SceneLine, tile_px: u32) -> Self {
         let (film, cell) = (&line.film, crate::trace::CELL_PX);
         if film.target_error.is_none() {
