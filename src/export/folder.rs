@@ -1,4 +1,4 @@
-//! The exported folder: its owner, its complete parts, and leftovers of killed processes.
+//! The exported folder: its state, its lock, and the removal of leftovers of killed processes.
 
 use super::error::{ExportError, unreadable};
 use super::request::{ExportRequest, REQUEST_FILE};

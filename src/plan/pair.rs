@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn a_scan_with_most_photographs_is_not_paired_with_itself() {
-        // The set has scans of four photographs and of one.
+        // The set has a scan of four photographs and a scan of one photograph.
         let images = set(5, 0);
         let made = pairs(3, ["train", "s"], &refs(&images), 40);
         assert!(made.iter().all(|pair| !pair.is_same_scan()));
