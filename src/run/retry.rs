@@ -76,7 +76,10 @@ pub fn retry(
         retried.results += results.len() as u64;
         retried.scenes.push(scene.clone());
         if !dry_run {
-            store.delete(&results)?;
+            // The first key is the tuple's record, if it exists; one call would remove all keys in any order.
+            let (record, rest) = results.split_at(results.len().min(1));
+            store.delete(record)?;
+            store.delete(rest)?;
             if is_anew {
                 // The noise map is not a result and may be missing, so the count leaves it out.
                 store.delete(&[keys::noise(scene)])?;

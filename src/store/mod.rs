@@ -265,7 +265,7 @@ impl Store {
         Ok(listed.map(|(key, _)| key).collect())
     }
 
-    /// Removes objects. Ignores absent ones.
+    /// Removes objects, in any order. Ignores absent ones.
     pub fn delete(&self, keys: &[String]) -> Result<(), StoreError> {
         let paths: Vec<Key> = keys.iter().map(|key| self.key(key)).collect();
         let delete = || async {

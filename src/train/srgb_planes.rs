@@ -16,7 +16,8 @@ pub(super) fn planes_of_linear(pixels: &[[f32; 3]]) -> Planes {
     let mut planes = vec![0.0; 3 * pixels.len()];
     for (channel, plane) in planes.chunks_exact_mut(pixels.len().max(1)).enumerate() {
         for (out, pixel) in plane.iter_mut().zip(pixels) {
-            let value = pixel[channel].clamp(0.0, 1.0);
+            // The sum turns -0, which has the bits of no index, into 0.
+            let value = pixel[channel].clamp(0.0, 1.0) + 0.0;
             let half = f16::from_f32(value);
             *out = if half.to_f32() == value {
                 table.get(usize::from(half.to_bits())).copied().unwrap_or(1.0)
@@ -72,5 +73,10 @@ mod tests {
             assert_eq!(bytes[3 * k + 2], 255);
         }
         assert_eq!(bytes_of_planes(&planes_of_bytes(&bytes)), bytes);
+    }
+
+    #[test]
+    fn negative_zero_is_black() {
+        assert_eq!(planes_of_linear(&[[-0.0, 0.0, -1.0]]), [0.0; 3]);
     }
 }
