@@ -3,6 +3,7 @@
 use super::args::CacheArgs;
 use crate::run::Run;
 use crate::store::{Cache, Inputs, StoreOptions};
+use std::time::Duration;
 
 /// Prefixes of environment variables with settings of object stores.
 const SETTINGS: [&str; 3] = ["AWS_", "GOOGLE_", "AZURE_"];
@@ -24,11 +25,12 @@ pub(super) fn inputs() -> Inputs {
     Inputs::new(store_options(), None)
 }
 
-/// Returns a reader of a run's input files, with a cache in the folder of `args` or of the run, unless its limit is 0.
-pub(super) fn inputs_of(run: &Run, args: &CacheArgs) -> Inputs {
+/// Returns a worker's reader of input files. It retries a store for `patience`, and has a cache in the folder of `args`
+/// or of the run, unless the cache's limit is 0.
+pub(super) fn inputs_of(run: &Run, args: &CacheArgs, patience: Duration) -> Inputs {
     let folder = args.cache.clone();
     let folder = folder.unwrap_or_else(|| run.root().join("cache"));
     let limit_bytes = (args.cache_gb * GB) as u64;
     let cache = (limit_bytes > 0).then(|| Cache::new(folder, limit_bytes));
-    Inputs::new(store_options(), cache)
+    Inputs::new(StoreOptions { patience, ..store_options() }, cache)
 }

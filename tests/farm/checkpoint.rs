@@ -52,7 +52,7 @@ fn a_stopped_worker_writes_partials_held_in_memory() {
     assert_same(&tuples(&place.run), alone(&place));
     let shards = |end: &serde_json::Value| end["shards_traced"].as_u64().unwrap();
     // No shard was traced twice.
-    assert_eq!(shards(&stopped) + shards(&resumed), SCENES as u64 * 384);
+    assert_eq!(shards(&stopped) + shards(&resumed), SCENES as u64 * 192);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Pauses, resumes and cancels a run while one or more processes work on it; no result is lost.
 
-use crate::processes::{alone, coordinator, end, results, slow_place, worker};
+use crate::processes::{alone, coordinator, end, place_with_spp, results, worker};
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, tuples};
 use crate::support::program::{command, run, send, text};
@@ -9,6 +9,9 @@ use crate::support::tools::wait_for;
 use serde_json::Value;
 use std::process::Child;
 use std::time::Duration;
+
+/// Samples per pixel: the run lasts longer than a process needs to notice a pause.
+const SPP: u32 = 4096;
 
 /// A time longer than the interval between two polls of a folder.
 const LOOK: Duration = Duration::from_millis(2500);
@@ -30,7 +33,7 @@ fn work(place: &Place) -> Child {
 
 #[test]
 fn a_process_waits_while_its_run_is_paused() {
-    let place = slow_place();
+    let place = place_with_spp(SPP);
     let told = run(&["pause", text(&place.run), "--reason", "backup", "--json"]).expect(0).json();
     assert_eq!((&told["before"], &told["state"]), (&"running".into(), &"paused".into()));
     let mut child = work(&place);
@@ -63,7 +66,7 @@ fn a_process_waits_while_its_run_is_paused() {
 
 #[test]
 fn a_paused_process_still_stops() {
-    let place = slow_place();
+    let place = place_with_spp(SPP);
     tell(&place, "pause");
     let child = work(&place);
     std::thread::sleep(Duration::from_secs(1));
@@ -77,7 +80,7 @@ fn a_paused_process_still_stops() {
 
 #[test]
 fn a_cancelled_run_ends_and_can_be_resumed() {
-    let place = slow_place();
+    let place = place_with_spp(SPP);
     let child = work(&place);
     wait_for("a result", || results(&place.run) > 0);
     tell(&place, "cancel");
@@ -101,7 +104,7 @@ fn a_cancelled_run_ends_and_can_be_resumed() {
 
 #[test]
 fn a_damaged_control_record_pauses_the_run() {
-    let place = slow_place();
+    let place = place_with_spp(SPP);
     std::fs::write(place.run.join("control.json"), b"{\"schema\"").unwrap();
     let held = status(&place, &[]);
     assert_eq!(held["state"], "paused");
@@ -114,7 +117,7 @@ fn a_damaged_control_record_pauses_the_run() {
 #[test]
 fn a_farm_can_be_paused_resumed_and_cancelled() {
     let Some(server) = Nats::start() else { return };
-    let place = slow_place();
+    let place = place_with_spp(SPP);
     let url = server.url();
     let first = coordinator(&place, &server);
     let queue = || status(&place, &["--queue", &url])["queue"].clone();

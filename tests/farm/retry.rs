@@ -57,7 +57,7 @@ fn a_coordinator_notices_a_retry_and_a_finished_farm_resumes() {
         std::fs::create_dir_all(&attempts).unwrap();
         std::fs::write(place.run.join(format!("quarantine/{scene}.json")), record.to_string())
             .unwrap();
-        std::fs::write(attempts.join("0-384.1.json"), b"{}").unwrap();
+        std::fs::write(attempts.join("0-192.1.json"), b"{}").unwrap();
     };
     quarantine("train-sample-000000");
     quarantine("test-sample-000000");

@@ -83,7 +83,7 @@ const LONG: Size = Size {
 const SHORT: Size = Size {
     workers: 4,
     scenes: 5,
-    ranges: 16,
+    ranges: 8,
     events: [
         (Event::KillWorker, 2),
         (Event::Sleep, 1),

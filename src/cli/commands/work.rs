@@ -58,7 +58,7 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
     queue::fetch_run(&args.run, &args.queue)?;
     let roots = Roots::parse(&args.roots.roots)?;
     let mut run = Run::open(&args.run, &roots)?;
-    run.inputs = store_env::inputs_of(&run, &args.cache);
+    run.inputs = store_env::inputs_of(&run, &args.cache, args.queue.store_patience_s);
     if global.dry_run {
         let store = queue::store(&args.run, &args.queue)?;
         let status = Snapshot::take(&run, &store, Scope::COUNTS)?.counts();
