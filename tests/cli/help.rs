@@ -4,6 +4,7 @@ use crate::support::program::run;
 use crate::support::workplace::{run_in, workplace};
 use clap::{CommandFactory, Parser};
 use glasshouse::cli::Args;
+use rayon::prelude::*;
 use std::path::Path;
 
 /// Treatment of an example that the test does not run unchanged.
@@ -122,11 +123,11 @@ fn every_example_is_valid_and_every_exception_exists() {
 
 #[test]
 fn examples_work() {
-    for line in all_examples() {
+    all_examples().into_par_iter().for_each(|line| {
         let instead =
             NOT_RUN.iter().find(|(other, ..)| *other == line).map(|(_, instead, _)| *instead);
         if instead == Some(Parsed) {
-            continue;
+            return;
         }
         let folder = workplace();
         let mut arguments = words(&line, folder.path());
@@ -138,14 +139,14 @@ fn examples_work() {
         // `doctor` may report that a slow or busy build machine is unfit.
         if line.starts_with("doctor") && ended.code == Some(1) {
             eprintln!("`{line}` finds this machine unfit: {}", ended.stdout);
-            continue;
+            return;
         }
         assert_eq!(ended.code, Some(0), "glasshouse {line}: {ended:#?}");
         assert!(!ended.stdout.is_empty(), "glasshouse {line} prints nothing");
         if line.contains("--json") {
             ended.json();
         }
-    }
+    });
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Pauses, resumes and cancels a run while one or more processes work on it; no result is lost.
 
-use crate::processes::{alone, coordinator, end, place_with_spp, results, worker};
+use crate::processes::{alone, coordinator, end, results, slow_place, start};
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, tuples};
 use crate::support::program::{command, run, send, text};
@@ -10,8 +10,8 @@ use serde_json::Value;
 use std::process::Child;
 use std::time::Duration;
 
-/// Samples per pixel: the run lasts longer than a process needs to notice a pause.
-const SPP: u32 = 4096;
+/// Options of a slow worker: a run lasts longer than its processes need to notice a pause.
+const SLOW: [&str; 4] = ["-j", "1", "--fault", "slow:2"];
 
 /// A time longer than the interval between two polls of a folder.
 const LOOK: Duration = Duration::from_millis(2500);
@@ -28,12 +28,13 @@ fn tell(place: &Place, verb: &str) -> Value {
 }
 
 fn work(place: &Place) -> Child {
-    command(&["work", text(&place.run), "-j", "1", "--json"]).spawn().unwrap()
+    let arguments = [&["work", text(&place.run), "--json"], &SLOW[..]].concat();
+    command(&arguments).spawn().unwrap()
 }
 
 #[test]
 fn a_process_waits_while_its_run_is_paused() {
-    let place = place_with_spp(SPP);
+    let place = slow_place();
     let told = run(&["pause", text(&place.run), "--reason", "backup", "--json"]).expect(0).json();
     assert_eq!((&told["before"], &told["state"]), (&"running".into(), &"paused".into()));
     let mut child = work(&place);
@@ -66,7 +67,7 @@ fn a_process_waits_while_its_run_is_paused() {
 
 #[test]
 fn a_paused_process_still_stops() {
-    let place = place_with_spp(SPP);
+    let place = slow_place();
     tell(&place, "pause");
     let child = work(&place);
     std::thread::sleep(Duration::from_secs(1));
@@ -80,7 +81,7 @@ fn a_paused_process_still_stops() {
 
 #[test]
 fn a_cancelled_run_ends_and_can_be_resumed() {
-    let place = place_with_spp(SPP);
+    let place = slow_place();
     let child = work(&place);
     wait_for("a result", || results(&place.run) > 0);
     tell(&place, "cancel");
@@ -104,7 +105,7 @@ fn a_cancelled_run_ends_and_can_be_resumed() {
 
 #[test]
 fn a_damaged_control_record_pauses_the_run() {
-    let place = place_with_spp(SPP);
+    let place = slow_place();
     std::fs::write(place.run.join("control.json"), b"{\"schema\"").unwrap();
     let held = status(&place, &[]);
     assert_eq!(held["state"], "paused");
@@ -117,13 +118,13 @@ fn a_damaged_control_record_pauses_the_run() {
 #[test]
 fn a_farm_can_be_paused_resumed_and_cancelled() {
     let Some(server) = Nats::start() else { return };
-    let place = place_with_spp(SPP);
+    let place = slow_place();
     let url = server.url();
     let first = coordinator(&place, &server);
     let queue = || status(&place, &["--queue", &url])["queue"].clone();
     wait_for("a full queue", || queue()["spans_waiting"] == SCENES);
     tell(&place, "pause");
-    let workers = [worker(&place, &server), worker(&place, &server)];
+    let workers = [start("work", &place, &server, &SLOW), start("work", &place, &server, &SLOW)];
     std::thread::sleep(LOOK);
     assert_eq!(results(&place.run), 0);
     let now = queue();
@@ -146,10 +147,10 @@ fn a_farm_can_be_paused_resumed_and_cancelled() {
     assert!(cancelled["queue"]["reason"].is_string(), "{cancelled}");
     assert!(!place.run.join("finished.json").exists());
     end(coordinator(&place, &server)).expect(3);
-    end(worker(&place, &server)).expect(3);
+    end(start("work", &place, &server, &SLOW)).expect(3);
 
     tell(&place, "resume");
-    let all = [coordinator(&place, &server), worker(&place, &server)];
+    let all = [coordinator(&place, &server), start("work", &place, &server, &SLOW)];
     for one in all {
         end(one).expect(0);
     }

@@ -116,7 +116,7 @@ fn an_idle_worker_gets_a_part_of_a_scene() {
     let place = place();
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
     let one = recipe
-        .replace("spp = 256", "spp = 32768")
+        .replace("spp = 256", "spp = 16384")
         .replace("{ sample = 3 }", "{ sample = 1 }")
         .replace("[[split]]\nname = \"test\"\npairs = { sample = 1 }\n", "");
     std::fs::write(&place.recipe, one).unwrap();

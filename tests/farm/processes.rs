@@ -13,14 +13,9 @@ use std::time::{Duration, Instant};
 
 /// Plans scenes that take a few tenths of a second each, so that tests have time to kill a process.
 pub(crate) fn slow_place() -> Place {
-    place_with_spp(2048)
-}
-
-/// Plans the scenes of [`place`] with `spp` samples per pixel.
-pub(crate) fn place_with_spp(spp: u32) -> Place {
     let place = place();
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
-    std::fs::write(&place.recipe, recipe.replace("spp = 256", &format!("spp = {spp}"))).unwrap();
+    std::fs::write(&place.recipe, recipe.replace("spp = 256", "spp = 2048")).unwrap();
     place.plan();
     place
 }

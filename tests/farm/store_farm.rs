@@ -91,7 +91,7 @@ fn workers_need_only_the_bucket_and_the_queue() {
 /// 12 % of the requests to the bucket are faulty, and the bucket is unreachable for 3 s. Workers, the coordinator and
 /// the queue's server are killed, and the queue loses its messages.
 #[test]
-#[ignore = "long: run by name and by .ci/run; a short siege in a bucket has the same faults"]
+#[ignore = "long: run by name and by .ci/run"]
 fn eight_workers_under_all_faults_make_the_tuples_of_one_process() {
     let Some(mut queue) = Nats::start() else {
         return;

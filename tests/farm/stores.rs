@@ -78,8 +78,8 @@ fn a_put_is_repeated_if_its_file_is_removed() {
 fn many_objects_can_be_listed_and_removed() {
     on_all_stores(|name, store| {
         assert_eq!(store.list("partials").unwrap(), [""; 0], "{name}");
-        // Retries after faults take seconds, so with faults the listing has less than a page.
-        let many = if name.contains("faults") { 100 } else { MANY };
+        // On S3 with retries after faults, and on S3 a second time, a short listing saves seconds.
+        let many = if ["disk", "s3"].contains(&name) { MANY } else { 100 };
         let keys: Vec<String> = (0..many).map(|k| format!("partials/s/{k:06}.exr")).collect();
         let objects = keys.iter().map(|k| (k.clone(), k.clone().into()));
         store.create_all(objects.collect()).unwrap();

@@ -61,8 +61,8 @@ enum Command {
     Run(run::RunArgs),
     /// Make procedural RGBD photographs (rooms and streets) in the layout of DIODE or of PLACES365
     #[command(after_help = "Examples:
-  glasshouse sample /tmp/rooms --count 8
-  glasshouse sample /tmp/rooms --count 8 --seed 7 --json
+  glasshouse sample /tmp/rooms --count 4
+  glasshouse sample /tmp/rooms --count 4 --seed 7 --json
   glasshouse sample /tmp/places --layout places --count 68
   glasshouse sample /tmp/many --layout places --count 4160 --width 32 --height 24")]
     Sample(sample::SampleArgs),
