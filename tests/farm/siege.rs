@@ -5,7 +5,7 @@
 //! the queue's server are killed, the server loses its data, tasks are published repeatedly and in any order, and
 //! requests to a bucket fail. The test restarts ended workers and killed coordinators, as a service manager does.
 //!
-//! The short sieges have each event, but the one on a disk has no `StoreAway`; the long ones run with `--ignored`.
+//! The short sieges have each event, but the one on a disk has no `StoreAway`; the others run with `--ignored`.
 
 use crate::processes::alone;
 use crate::store_farm::fetched;
