@@ -57,11 +57,14 @@ impl DeviceName {
     }
 }
 
-/// Builds the thread pool of the networks and returns the number of threads.
+/// Builds the thread pool of the networks and returns the number of threads. The calling thread becomes one of them:
+/// a training step consists of hundreds of short parallel loops, and starting each from another thread costs two
+/// context switches.
 pub(super) fn use_threads(global: &Global) -> usize {
     let threads = threads(global);
     // Fails on every call after the first in a process, because the pool already exists.
-    let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    let _ =
+        rayon::ThreadPoolBuilder::new().num_threads(threads).use_current_thread().build_global();
     threads
 }
 
