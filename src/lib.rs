@@ -27,6 +27,8 @@ pub mod run;
 
 pub mod farm;
 
+mod outputs;
+
 // Data sets for other programs.
 pub mod export;
 

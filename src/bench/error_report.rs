@@ -64,7 +64,10 @@ struct Document<'a> {
 }
 
 impl ErrorReport<'_> {
-    /// Writes `error.csv`, `error.json` and `error.svg`.
+    /// Names of the files of [`Self::write`].
+    pub const FILES: [&'static str; 3] = ["error.csv", "error.svg", "error.json"];
+
+    /// Writes [`Self::FILES`].
     pub fn write(&mut self, folder: &Path) -> Result<(), BenchError> {
         let title = format!(
             "Scene {}: error against CPU time (reference: {})",
@@ -74,9 +77,10 @@ impl ErrorReport<'_> {
         let document = Document { schema: ERROR_SCHEMA, report: self };
         let json = serde_json::to_value(document).unwrap_or_default();
         atomic_file::create_dir(folder)?;
-        atomic_file::write(&folder.join("error.csv"), csv(&self.rows).as_bytes())?;
-        atomic_file::write(&folder.join("error.svg"), error_plot(&self.rows, &title).as_bytes())?;
-        atomic_file::write(&folder.join("error.json"), format!("{json:#}\n").as_bytes())?;
+        let texts = [csv(&self.rows), error_plot(&self.rows, &title), format!("{json:#}\n")];
+        for (name, text) in Self::FILES.iter().zip(texts) {
+            atomic_file::write(&folder.join(name), text.as_bytes())?;
+        }
         self.out = Some(folder.to_owned());
         Ok(())
     }

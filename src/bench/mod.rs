@@ -40,7 +40,7 @@ pub use fit::Slope;
 pub use kernels::{BuildRow, KernelRow, TracerRow, grid_builds, isa_name, kernels, tracer};
 pub use ladder::{Ladder, LayerRow, VARIANTS, Variant, climb, slopes};
 pub use plot::error_plot;
-pub use reference::{Reference, own_reference, read_reference};
+pub use reference::{Reference, own_reference, read_reference, reference_files};
 pub use render::{Rendering, Work, render};
 pub use scenes::{BenchScene, indoor, outdoor, pair, stress};
 #[cfg(feature = "train")]

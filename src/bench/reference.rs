@@ -14,6 +14,9 @@ use render::trace::{Sampling, TRACER_VERSION};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
+/// File that describes the images in its folder.
+const RECORD_FILE: &str = "reference.json";
+
 /// Schema name of `reference.json`.
 pub(super) const REFERENCE_SCHEMA: &str = "glasshouse.reference/1";
 
@@ -48,6 +51,12 @@ pub struct ReferenceRecord {
     pub cpu_s: f64,
 }
 
+/// Returns the names of the files that [`own_reference`] writes.
+pub fn reference_files() -> impl Iterator<Item = String> {
+    let images = Layer::NAMES.into_iter().map(|name| format!("{name}.exr"));
+    images.chain([RECORD_FILE.to_owned()])
+}
+
 fn reference_line(line: &SceneLine, spp: u32) -> SceneLine {
     let mut line = line.clone();
     line.film.spp = spp;
@@ -74,7 +83,7 @@ pub fn own_reference(
 ) -> Result<Option<Reference>, BenchError> {
     let line = reference_line(&scene.line, spp);
     let scene_blake3 = digest(scene, &line);
-    let record_path = dir.join("reference.json");
+    let record_path = dir.join(RECORD_FILE);
     let found: Option<ReferenceRecord> =
         std::fs::read(&record_path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok());
     if let Some(record) = found.filter(|record| {

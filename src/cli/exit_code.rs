@@ -141,6 +141,7 @@ exit_codes! {
     crate::run::PlanError {
         (Draft | Run) => its_own,
         Mismatch => Disagrees,
+        Foreign => Usage,
         Write | Sample => Failed,
     }
     crate::farm::FarmError {
@@ -157,6 +158,10 @@ exit_codes! {
         Nothing => InvalidInput,
         Foreign => Disagrees,
         Write | Read | Damaged | Encode => Failed,
+    }
+    crate::outputs::OutputsError {
+        (Write) => its_own,
+        _ => Usage,
     }
     crate::report::ReportError {
         (Store) => its_own,

@@ -73,9 +73,10 @@ pub(super) fn sample(
     let record: TupleRecord =
         serde_json::from_slice(&json).map_err(|e| damaged(line, "tuple.json", &e))?;
     let mut files = match encoding {
-        PixelEncoding::Srgb8 => copies(&mut tuple, line, format)?,
+        PixelEncoding::Srgb8 => copies(&mut tuple, &record, line, format)?,
         PixelEncoding::Srgb16 | PixelEncoding::Linear => {
             let exr = tuple.take(line, "tuple.exr")?;
+            record.check_file("tuple.exr", &exr).map_err(|e| damaged(line, "tuple.exr", &e))?;
             encoded(&exr, &record, line, format, encoding)?
         }
     };
@@ -114,6 +115,7 @@ fn read(
 
 fn copies(
     tuple: &mut TupleBytes,
+    record: &TupleRecord,
     line: &SceneLine,
     format: ExportFormat,
 ) -> Result<Vec<(String, Bytes)>, ExportError> {
@@ -121,8 +123,9 @@ fn copies(
     for (layer, name) in made(line) {
         let file = format!("{name}.png");
         let bytes = tuple.take(line, &file)?;
-        // A truncated or changed file must not be exported.
+        // A truncated or changed file must not be exported. Older records have no digest of it.
         check_png(&bytes, line.film.width, line.film.height)
+            .and_then(|()| record.check_file(&file, &bytes))
             .map_err(|e| damaged(line, &file, &e))?;
         files.push((layer_file(format, PixelEncoding::Srgb8, line, layer), bytes));
     }

@@ -9,7 +9,7 @@ use bytes::Bytes;
 use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::line::SceneLine;
-use render::merge::{MergeError, Tuple, combine, encode_tuple_file, tuple_files, write_tuple};
+use render::merge::{MergeError, Tuple, combine, encode_tuple, write_tuple};
 use render::partial;
 use std::path::Path;
 
@@ -98,11 +98,7 @@ pub fn merge_run(
 
 /// Encodes a tuple's files. Returns their keys and bytes in the order of writing.
 fn encoded(tuple: &Tuple, line: &SceneLine) -> Result<Vec<(String, Bytes)>, FarmError> {
-    let encoder = SrgbEncoder::new();
-    let encode = |name: String| {
-        let bytes = encode_tuple_file(tuple, &encoder, &name)
-            .map_err(|e| AccessError::Tuple(e.to_string()))?;
-        Ok((keys::tuple(&line.id, &name), bytes.into()))
-    };
-    tuple_files(line).into_iter().map(encode).collect()
+    let files = encode_tuple(tuple, &SrgbEncoder::new());
+    let files = files.map_err(|e| AccessError::Tuple(e.to_string()))?.into_iter();
+    Ok(files.map(|(name, bytes)| (keys::tuple(&line.id, &name), bytes.into())).collect())
 }

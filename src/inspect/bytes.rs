@@ -57,6 +57,7 @@ fn read(kind: Kind, input: &Input) -> Inspection {
         | Kind::EvaluationRows
         | Kind::EvaluationTable
         | Kind::Sums
+        | Kind::Written
         | Kind::Report => lists::read(kind, input),
         Kind::Events => {
             let mut found = Inspection::new(kind);

@@ -1,5 +1,7 @@
 //! Kinds of files and folders. The first bytes of a file decide its kind, or its name if the bytes do not decide.
 
+use crate::report::is_report;
+
 macro_rules! kinds {
     ($($kind:ident $name:literal $words:literal)*) => {
         /// A kind of file or folder.
@@ -54,6 +56,7 @@ kinds! {
     Croissant "croissant" "croissant.json, the description of an exported data set"
     Sums "sums" "SHA256SUMS, digests of the files beside it"
     Report "report" "report page"
+    Written "written" "list of the files that commands wrote into a folder"
     Picture "picture" "picture"
     Array "array" ".npy array"
     Mesh "mesh" "PLY mesh"
@@ -80,6 +83,7 @@ const SCHEMAS: &[(&str, Kind)] = &[
     ("glasshouse.made_by/1", Kind::MadeBy),
     ("glasshouse.finished/1", Kind::Finished),
     ("glasshouse.checkpoint/1", Kind::CheckpointState),
+    (crate::outputs::WRITTEN_SCHEMA, Kind::Written),
 ];
 
 /// Returns the schema of a kind's files, if they have a schema.
@@ -127,10 +131,8 @@ fn text_kind(name: &str, text: &str) -> Option<Kind> {
     if text.starts_with('{') {
         return json_kind(name, text);
     }
-    if let Some(start) = text.get(..9)
-        && start.eq_ignore_ascii_case("<!doctype")
-    {
-        return text.contains(" - Glasshouse</title>").then_some(Kind::Report);
+    if is_report(text.as_bytes()) {
+        return Some(Kind::Report);
     }
     if first.starts_with("step,total,") {
         return Some(Kind::Metrics);
@@ -218,6 +220,7 @@ pub(super) fn kind_by_name(name: &str) -> Option<Kind> {
         "evaluation.md" => Kind::EvaluationTable,
         "croissant.json" => Kind::Croissant,
         "SHA256SUMS" => Kind::Sums,
+        crate::outputs::WRITTEN_FILE => Kind::Written,
         "work.lock" | "train.lock" => Kind::Lock,
         _ if name.starts_with("events.out.tfevents") => Kind::Events,
         _ if ending == "exr"

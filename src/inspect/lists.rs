@@ -3,6 +3,7 @@
 use super::facts::{Inspection, Problem, first_of};
 use super::input::{AGAIN, Input};
 use super::kind::Kind;
+use crate::outputs::Written;
 use crate::text::{csv_cells, many};
 use plan::{RejectedScene, parse_list};
 use serde::de::DeserializeOwned;
@@ -29,6 +30,10 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
             count(&mut found, "samples", samples.len());
             let columns = samples.first().map(|first| first.keys().cloned().collect());
             say_columns(&mut found, columns.unwrap_or_default());
+        }
+        Kind::Written => {
+            let calls: Vec<Written> = json_lines(&mut found, text);
+            count(&mut found, "files", calls.iter().map(|call| call.files.len()).sum());
         }
         Kind::Sums => {
             let names: Vec<&str> = text.lines().filter_map(|line| line.get(66..)).collect();

@@ -1,11 +1,13 @@
 //! Inspects pictures, arrays and meshes: inputs and previews.
 
+use super::digests::{Digested, hold_file};
 use super::exr::say_layer;
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::Kind;
 use crate::text::grouped;
 use render::formats::{NamedBytes, SceneError, npy_facts, ply_counts};
+use render::merge::TupleRecord;
 use render::scene::{FileRole, look_at_whole};
 use serde_json::json;
 
@@ -25,6 +27,10 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         }
         Ok(()) if input.bytes.starts_with(b"\x89PNG") => {
             found.is_whole("it can be decoded, and its checksums match");
+            // In a tuple's folder, the record beside the picture has its digest.
+            if (input.beside)(TupleRecord::NAME).is_some() {
+                hold_file::<TupleRecord>(&mut found, input);
+            }
         }
         Ok(()) => found.may_be_whole("it can be read completely; the format has no checksum"),
     }

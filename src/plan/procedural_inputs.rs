@@ -21,6 +21,11 @@ pub struct ProceduralPhotograph {
 }
 
 impl ProceduralPhotograph {
+    /// True if the run's folder has all three files.
+    pub fn is_written(&self, run: &Path) -> bool {
+        procedural::is_written(&inputs_folder(run, &self.root), &self.photograph)
+    }
+
     /// Estimates the total size of the three files.
     pub fn estimated_bytes(&self) -> u64 {
         let [width, height] = self.size.map(f64::from);
@@ -41,10 +46,7 @@ pub fn make_photographs(
     threads: usize,
     on_photograph: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<(), SampleError> {
-    let is_missing = |made: &&ProceduralPhotograph| {
-        !procedural::is_written(&inputs_folder(run, &made.root), &made.photograph)
-    };
-    let missing: Vec<_> = all.iter().filter(is_missing).collect();
+    let missing: Vec<_> = all.iter().filter(|made| !made.is_written(run)).collect();
     if missing.is_empty() {
         return Ok(());
     }

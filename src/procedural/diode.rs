@@ -21,9 +21,7 @@ pub enum SampleError {
 
 /// True if all three files of `photograph` exist under `root`.
 pub fn is_written(root: &Path, photograph: &SamplePhotograph) -> bool {
-    [photograph.color_path(), photograph.depth_path(), photograph.mask_path()]
-        .iter()
-        .all(|path| root.join(path).is_file())
+    photograph.paths().iter().all(|path| root.join(path).is_file())
 }
 
 /// The bytes of a photograph's three files.

@@ -58,6 +58,11 @@ impl SamplePhotograph {
         self.path("_depth_mask.npy")
     }
 
+    /// Returns the paths of all three files, relative to the set's root.
+    pub fn paths(&self) -> [PathBuf; 3] {
+        [self.color_path(), self.depth_path(), self.mask_path()]
+    }
+
     fn path(&self, ending: &str) -> PathBuf {
         let (place, scene, scan) = (self.place.name(), self.scene, self.scan);
         let angle_deg = 10 * self.index;

@@ -46,6 +46,14 @@ impl PlacesPhotograph {
         self.path("png")
     }
 
+    /// Returns the paths of both files, relative to the set's root.
+    pub fn paths(&self) -> [PathBuf; 2] {
+        [
+            Path::new(PLACES_DEPTH).join(self.depth_path()),
+            Path::new(PLACES_COLOR).join(self.color_path()),
+        ]
+    }
+
     fn path(&self, ending: &str) -> PathBuf {
         let (category, number) = (&self.category, self.number);
         let letter = category.get(..1).unwrap_or_default();

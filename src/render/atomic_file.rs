@@ -3,7 +3,7 @@
 //! A reader sees a whole file or none. After a durable write, this also holds if the power is cut.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter, IntoInnerError, Write};
+use std::io::{self, BufWriter, IntoInnerError, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
@@ -54,6 +54,23 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
 /// Suits files that are cheap to create again, such as reports and pictures.
 pub fn write_relaxed(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     write_inner(path, bytes, false).map_err(|source| WriteError { path: path.to_owned(), source })
+}
+
+/// Appends a line to a file, or creates the file. Lines of several processes do not mix. After an unfinished line, which
+/// a killed process may have left, the new line starts on its own.
+pub fn append_line(path: &Path, line: &str) -> Result<(), WriteError> {
+    let append = || -> io::Result<()> {
+        let mut file = File::options().read(true).append(true).create(true).open(path)?;
+        let length = file.metadata()?.len();
+        let mut last = [b'\n'];
+        if length > 0 {
+            file.seek(SeekFrom::Start(length - 1))?;
+            file.read_exact(&mut last)?;
+        }
+        let start = if last == *b"\n" { "" } else { "\n" };
+        file.write_all(format!("{start}{line}\n").as_bytes())
+    };
+    append().map_err(|source| WriteError { path: path.to_owned(), source })
 }
 
 /// A file that is written in parts, for content that does not fit into memory. The file has a temporary name until

@@ -21,4 +21,5 @@ mod survey;
 mod text;
 mod training;
 
+pub(crate) use page::is_report;
 pub use page::{Report, ReportError, write_report};

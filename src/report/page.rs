@@ -49,6 +49,13 @@ pub struct Report {
     pub damaged: Vec<(SceneId, String)>,
 }
 
+/// True if the bytes start like a report page.
+pub(crate) fn is_report(bytes: &[u8]) -> bool {
+    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(4096)]);
+    let doctype = head.trim_start().get(..9).is_some_and(|s| s.eq_ignore_ascii_case("<!doctype"));
+    doctype && head.contains(" - Glasshouse</title>")
+}
+
 /// Reads a run's objects from `store` and writes its page to `path`, or into the run's folder if `path` is `None`. The
 /// page and the result name damaged tuples.
 pub fn write_report(run: &Run, store: &Store, path: Option<&Path>) -> Result<Report, ReportError> {

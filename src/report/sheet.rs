@@ -119,7 +119,9 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
         let file = format!("{name}.png");
         let wrong = |reason: String| damaged(format!("{file} cannot be read: {reason}"));
         let size = [line.film.width, line.film.height];
-        let picture = decode_png(&get(&file)?, size).map_err(wrong)?;
+        let bytes = get(&file)?;
+        let picture = decode_png(&bytes, size).map_err(wrong)?;
+        record.check_file(&file, &bytes).map_err(wrong)?;
         let picture = shrunk(picture, THUMBNAIL_PX);
         let tag = img(&picture, &format!("{name} of {id}")).map_err(wrong)?;
         figures.push(figure(&tag, symbol, name, Some(&numbers(layer))));

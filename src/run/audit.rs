@@ -13,7 +13,7 @@ use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::job::{SceneJob, render_partials};
 use render::line::SceneLine;
-use render::merge::{Tuple, TupleRecord, combine, encode_tuple_file, tuple_files};
+use render::merge::{TUPLE_SCHEMA_1, TupleRecord, combine, encode_tuple, encode_tuple_record_1};
 use render::partial::{self, Partial};
 use render::scene::{InputDigests, load, read_files_by};
 use render::shard::golden;
@@ -145,7 +145,8 @@ pub(crate) fn audit_scene(
             ));
         }
     };
-    if let Some(files) = other_inputs(store, line, &loaded.inputs)? {
+    let record = stored_record(store, line)?;
+    if let Some(files) = record.as_ref().and_then(|r| other_inputs(r, &loaded.inputs)) {
         return Ok(Some(audit.not_compared(format!(
             "this machine's input files differ from the tuple's ({files}): some are damaged or of another version"
         ))));
@@ -156,7 +157,8 @@ pub(crate) fn audit_scene(
     else {
         return Ok(None);
     };
-    let made = Made::new(run, line, &partials)?;
+    let is_older = record.is_some_and(|record| record.schema == TUPLE_SCHEMA_1);
+    let made = Made::new(run, line, &partials, is_older)?;
     for (key, stored) in there.iter().zip(store.get_all(&there)?) {
         let (Some(made), Some(stored)) = (made.file(key)?, stored) else {
             // The file is unknown, or was removed meanwhile.
@@ -169,57 +171,57 @@ pub(crate) fn audit_scene(
     Ok(Some(audit))
 }
 
-/// Names input files with different digests in the tuple's record and on this machine. Ignores a damaged record,
-/// because `audit_scene` compares the record like any other file.
-fn other_inputs(
-    store: &Store,
-    line: &SceneLine,
-    here: &InputDigests,
-) -> Result<Option<String>, StoreError> {
-    let Some(bytes) = store.get(&keys::tuple_record(&line.id))? else {
-        return Ok(None);
-    };
-    let Ok(record) = serde_json::from_slice::<TupleRecord>(&bytes) else {
-        return Ok(None);
-    };
+/// Reads the record of a scene's tuple. Ignores a damaged record, because `audit_scene` compares the record like any
+/// other file.
+fn stored_record(store: &Store, line: &SceneLine) -> Result<Option<TupleRecord>, StoreError> {
+    let bytes = store.get(&keys::tuple_record(&line.id))?;
+    Ok(bytes.and_then(|bytes| serde_json::from_slice(&bytes).ok()))
+}
+
+/// Names input files with different digests in the tuple's record and on this machine.
+fn other_inputs(record: &TupleRecord, here: &InputDigests) -> Option<String> {
     let here = &here.0;
     let differ = |(name, digest): &(&String, &String)| here.get(*name) != Some(*digest);
     let names = record.inputs.0.iter().filter(differ);
     let names: Vec<&str> = names.map(|(name, _)| name.as_str()).collect();
-    Ok((!names.is_empty()).then(|| names.join(", ")))
+    (!names.is_empty()).then(|| names.join(", "))
 }
 
-/// A scene that was traced again; encodes its files on demand.
+/// A scene that was traced again.
 struct Made<'p> {
     partials: &'p [Partial],
-    tuple: Tuple,
-    encoder: SrgbEncoder,
-    line: &'p SceneLine,
+    /// Names and bytes of the tuple's files.
+    tuple: Vec<(String, Vec<u8>)>,
 }
 
 impl<'p> Made<'p> {
-    fn new(run: &Run, line: &'p SceneLine, partials: &'p [Partial]) -> Result<Self, AccessError> {
-        let tuple = combine(line, run.spec.tile_px, partials);
-        let tuple = tuple.map_err(|e| AccessError::Tuple(e.to_string()))?;
-        Ok(Self { partials, tuple, encoder: SrgbEncoder::new(), line })
+    /// `is_older` is true if the stored record has no digests of the files ([`TUPLE_SCHEMA_1`]).
+    fn new(
+        run: &Run,
+        line: &SceneLine,
+        partials: &'p [Partial],
+        is_older: bool,
+    ) -> Result<Self, AccessError> {
+        let cannot = |e: &dyn std::fmt::Display| AccessError::Tuple(e.to_string());
+        let tuple = combine(line, run.spec.tile_px, partials).map_err(|e| cannot(&e))?;
+        let mut files = encode_tuple(&tuple, &SrgbEncoder::new()).map_err(|e| cannot(&e))?;
+        if let Some((_, record)) = files.last_mut().filter(|_| is_older) {
+            *record = encode_tuple_record_1(&tuple.record).map_err(|e| cannot(&e))?;
+        }
+        Ok(Self { partials, tuple: files })
     }
 
-    /// Encodes the file under `key`; returns `None` if the scene has no such file.
+    /// Returns the file under `key`, or `None` if the scene has no such file.
     fn file(&self, key: &str) -> Result<Option<Vec<u8>>, AccessError> {
-        let cannot =
-            |e: &dyn std::fmt::Display| AccessError::Tuple(format!("cannot encode {key}: {e}"));
         if key.starts_with(keys::PARTIALS) {
             let shard = keys::shard_of(key);
             let found = shard.and_then(|s| self.partials.iter().find(|p| p.header.shard == s));
             let bytes = found.map(partial::encode).transpose();
-            return bytes.map_err(|e| cannot(&e));
+            return bytes.map_err(|e| AccessError::Tuple(format!("cannot encode {key}: {e}")));
         }
         let name = key.rsplit('/').next().unwrap_or(key);
-        if !tuple_files(self.line).iter().any(|file| file == name) {
-            return Ok(None);
-        }
-        let bytes = encode_tuple_file(&self.tuple, &self.encoder, name);
-        bytes.map(Some).map_err(|e| cannot(&e))
+        let found = self.tuple.iter().find(|(file, _)| file == name);
+        Ok(found.map(|(_, bytes)| bytes.clone()))
     }
 }
 

@@ -36,6 +36,10 @@ pub const CONFLICTS: &str = "conflicts";
 pub const RECEIPTS: &str = "receipts";
 pub(crate) const REPORT: &str = "report/index.html";
 
+/// Folders in which only commands on the run write.
+pub(crate) const OBJECTS: [&str; 9] =
+    [INPUTS, TUPLES, QUARANTINE, NOISE, LOGS, PARTIALS, ATTEMPTS, CONFLICTS, RECEIPTS];
+
 /// Record of a tuple, its last file.
 const RECORD: &str = "tuple.json";
 

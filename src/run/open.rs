@@ -86,17 +86,22 @@ impl Run {
 
     /// Locks the run for this process until the returned file is dropped.
     pub fn lock(&self) -> Result<File, RunError> {
-        let path = self.path(keys::LOCK);
-        let file = File::options()
-            .create(true)
-            .append(true)
-            .open(&path)
-            .map_err(|source| RunError::Read { path: path.clone(), source })?;
-        match file.try_lock() {
-            Ok(()) => Ok(file),
-            Err(TryLockError::WouldBlock) => Err(RunError::Busy { root: self.root.clone() }),
-            Err(TryLockError::Error(source)) => Err(RunError::Read { path, source }),
-        }
+        lock(&self.root)
+    }
+}
+
+/// Locks a run's folder for this process until the returned file is dropped.
+pub(super) fn lock(root: &Path) -> Result<File, RunError> {
+    let path = root.join(keys::LOCK);
+    let file = File::options()
+        .create(true)
+        .append(true)
+        .open(&path)
+        .map_err(|source| RunError::Read { path: path.clone(), source })?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(RunError::Busy { root: root.to_owned() }),
+        Err(TryLockError::Error(source)) => Err(RunError::Read { path, source }),
     }
 }
 

@@ -3,7 +3,7 @@
 
 use super::error::RunError;
 use super::keys;
-use super::open::Run;
+use super::open::{Run, lock};
 use plan::{
     DraftError, Drafted, InputFiles, ProceduralPhotograph, Request, draft, invalid_text,
     make_photographs, rejected_lines,
@@ -13,7 +13,7 @@ use render::atomic_file::{self, WriteError};
 use render::line::{Roots, to_jsonl};
 use render::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
 use render::trace::{Isa, TRACER_VERSION};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub(crate) struct PlanOptions<'a> {
     /// Roots from `--root NAME=DIR`.
@@ -78,6 +78,9 @@ pub enum PlanError {
     /// The folder's run cannot be opened.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// The folder holds a file of the user where planning would write.
+    #[error("{} exists, and no `glasshouse plan` wrote it; plan into another folder with --out, or remove it", path.display())]
+    Foreign { path: PathBuf },
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
@@ -134,15 +137,38 @@ pub(crate) fn plan_run(
             return Err(SpecMismatch { run: out.to_owned(), diff }.into());
         }
     }
-    if !options.dry_run {
-        let on_photograph = |done, all| on_progress("photographs", done, all);
+    if existing.is_none() {
+        check_folder(source, out)?;
+    }
+    let is_whole = existing.is_some() && drafted.to_make.iter().all(|made| made.is_written(out));
+    if !options.dry_run && !is_whole {
         atomic_file::create_dir(out)?;
+        let _lock = lock(out)?;
+        if existing.is_none() && out.join(keys::SPEC).exists() {
+            // Another process planned the run since the check above; its plan may be of another recipe.
+            return Err(RunError::Busy { root: out.to_owned() }.into());
+        }
+        let on_photograph = |done, all| on_progress("photographs", done, all);
         make_photographs(out, &drafted.to_make, options.threads, &on_photograph)?;
         if existing.is_none() {
             write_plan(out, &drafted, &manifest, &spec)?;
         }
     }
     Ok(Planned { spec, drafted, existed: existing.is_some() })
+}
+
+/// Refuses a folder without a run if planning would overwrite the source or, unless an earlier planning was killed
+/// there, other files.
+fn check_folder(source: &Path, out: &Path) -> Result<(), PlanError> {
+    let real = |path: &Path| path.canonicalize().ok();
+    let is_begun = out.join(keys::LOCK).exists();
+    for name in [keys::MANIFEST, keys::REJECTED, keys::INPUTS] {
+        let path = out.join(name);
+        if path.symlink_metadata().is_ok() && (!is_begun || real(&path) == real(source)) {
+            return Err(PlanError::Foreign { path });
+        }
+    }
+    Ok(())
 }
 
 fn write_plan(out: &Path, drafted: &Drafted, manifest: &str, spec: &Spec) -> Result<(), PlanError> {

@@ -107,15 +107,18 @@ impl Evaluation {
         }
     }
 
-    /// Writes `evaluation.md`, `.csv`, `.png` (with the rows of `pictures`) and `.json`.
+    /// Names of the files of [`Self::write`]: table, scores per picture, pictures, all results.
+    pub const FILES: [&str; 4] =
+        ["evaluation.md", "evaluation.csv", "evaluation.png", "evaluation.json"];
+
+    /// Writes [`Self::FILES`]; `pictures` are the rows of the picture.
     pub fn write(
         &mut self,
         folder: &Path,
         pictures: &[Vec<RgbImage>],
     ) -> Result<(), EvaluationError> {
         let grid = rgb_grid(pictures)?;
-        let [markdown, csv, png, json] =
-            ["md", "csv", "png", "json"].map(|ending| folder.join(format!("evaluation.{ending}")));
+        let [markdown, csv, png, json] = Self::FILES.map(|name| folder.join(name));
         self.files = [&markdown, &csv, &png, &json].map(Clone::clone).to_vec();
         let mut pretty = serde_json::to_string_pretty(&Document {
             schema: EVALUATION_SCHEMA,

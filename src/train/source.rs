@@ -116,11 +116,20 @@ impl TupleSource {
         Ok(self.files.is_quarantined(&self.lines[index].id)?)
     }
 
-    fn file(&self, line: &SceneLine, name: &str) -> Result<(String, Vec<u8>), ExampleError> {
+    /// Reads a file of a tuple and compares it with its digest, if the record has one.
+    fn file(
+        &self,
+        line: &SceneLine,
+        record: &TupleRecord,
+        name: &str,
+    ) -> Result<(String, Vec<u8>), ExampleError> {
         let key = tuple_key(&line.id, name);
-        match self.files.get(&line.id, name)? {
-            Some(bytes) => Ok((key, bytes)),
-            None => Err(damaged(&key, &"it is missing, although tuple.json exists")),
+        let Some(bytes) = self.files.get(&line.id, name)? else {
+            return Err(damaged(&key, &"it is missing, although tuple.json exists"));
+        };
+        match record.check_file(name, &bytes) {
+            Ok(()) => Ok((key, bytes)),
+            Err(reason) => Err(damaged(&key, &reason)),
         }
     }
 
@@ -129,7 +138,7 @@ impl TupleSource {
         line: &SceneLine,
         record: &TupleRecord,
     ) -> Result<[Option<Planes>; 4], ExampleError> {
-        let (key, bytes) = self.file(line, "tuple.exr")?;
+        let (key, bytes) = self.file(line, record, "tuple.exr")?;
         let layers = decode_tuple_exr(&bytes, record).map_err(|e| damaged(&key, &e))?;
         Ok(layers.0.map(|pixels| (!pixels.is_empty()).then(|| planes_of_linear(&pixels))))
     }
@@ -144,8 +153,7 @@ impl TupleSource {
             if !record.layers.contains_key(name) {
                 continue;
             }
-            let (key, bytes) = self.file(line, &format!("{name}.png"))?;
-            // PNG has its own checksums, so no digest is compared.
+            let (key, bytes) = self.file(line, record, &format!("{name}.png"))?;
             let picture = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
                 .map_err(|e| damaged(&key, &e))?
                 .into_rgb8();

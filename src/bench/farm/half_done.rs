@@ -7,7 +7,7 @@ use render::atomic_file::{create_dir, write_relaxed};
 use render::color::SrgbEncoder;
 use render::job::SceneJob;
 use render::line::SceneLine;
-use render::merge::{combine, encode_tuple_file, tuple_files};
+use render::merge::{combine, encode_tuple};
 use render::partial;
 use render::scene::{load, read_files};
 use render::trace::Isa;
@@ -64,9 +64,9 @@ fn tuple(
     let tuple = combine(line, run.spec.tile_px, &partials)?;
     let folder = run.path(&keys::tuple_folder(&line.id));
     create_dir(&folder)?;
-    for name in tuple_files(line) {
-        let bytes = encode_tuple_file(&tuple, encoder, &name)
-            .map_err(|e| BenchError::Encode { name: "tuple", reason: e.to_string() })?;
+    let files = encode_tuple(&tuple, encoder)
+        .map_err(|e| BenchError::Encode { name: "tuple", reason: e.to_string() })?;
+    for (name, bytes) in files {
         write_relaxed(&folder.join(name), &bytes)?;
     }
     Ok(0)

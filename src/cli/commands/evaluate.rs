@@ -7,6 +7,7 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::target;
+use crate::outputs::Outputs;
 use crate::run::keys;
 use clap::{Args as ClapArgs, ValueEnum};
 use compose::{Gain, LeftOut, Method, Pair, Protocol, Subject, find_pairs, fit_gain};
@@ -138,6 +139,9 @@ impl<'a> Task<'a> {
             ));
         }
         let networks = networks(args, place.is_run, output)?;
+        if let Some(outputs) = outputs(args) {
+            outputs.check()?;
+        }
         Ok(Self { args, place, pictures, networks, threads })
     }
 
@@ -196,6 +200,9 @@ impl<'a> Task<'a> {
             ScoredNetwork::new(name.clone(), network.path.clone(), &network.state)
         };
         evaluation.networks = networks.iter().map(network).collect();
+        if let Some(outputs) = outputs(args) {
+            outputs.claim()?;
+        }
         if let Some(folder) = place.out(args) {
             evaluation.write(&folder, &scored.kept).map_err(|e| Failure::new(Exit::Failed, e))?;
         }
@@ -294,6 +301,13 @@ pub(super) fn evaluation_folder(run: &Path) -> PathBuf {
 
 fn is_run(place: &Path) -> bool {
     place.join(keys::SPEC).is_file()
+}
+
+/// Returns the files in `--out`, if it is given.
+fn outputs(args: &EvaluateArgs) -> Option<Outputs<'_>> {
+    let folder = args.out.as_deref()?;
+    let files = Evaluation::FILES.map(PathBuf::from).into();
+    Some(Outputs { command: "evaluate", folder, files, inputs: Vec::new() })
 }
 
 /// Opens the networks to score; fails unless their row names are unique and differ from `input`.

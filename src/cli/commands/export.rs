@@ -11,6 +11,7 @@ use crate::export::{
     ExportFormat, ExportOptions, ExportPlan, ExportWork, Exported, FolderState, PixelEncoding,
     estimate_bytes, export, look,
 };
+use crate::outputs::check_place;
 use clap::{Args as ClapArgs, ValueEnum};
 use render::ids::SceneId;
 use render::line::{Roots, Split, is_url};
@@ -120,6 +121,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
         partial: args.partial,
     };
     let plan = ExportPlan::new(&run, &store, &options)?;
+    check_place(&args.out)?;
     let state = look(&args.out, &plan.request)?;
     let foretold = match state {
         FolderState::Complete => None,

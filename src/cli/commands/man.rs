@@ -3,6 +3,7 @@
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
+use crate::outputs::Outputs;
 use clap::Args as ClapArgs;
 use clap::Command;
 use clap_mangen::Man;
@@ -35,8 +36,11 @@ pub(super) fn run(
     };
     let mut pages = Vec::new();
     collect(&command, &mut pages)?;
+    let files = pages.iter().map(|(name, _)| PathBuf::from(name)).collect();
+    let outputs = Outputs { command: "man", folder, files, inputs: Vec::new() };
+    outputs.check()?;
     if !global.dry_run {
-        atomic_file::create_dir(folder)?;
+        outputs.claim()?;
         for (name, page) in &pages {
             atomic_file::write_relaxed(&folder.join(name), page.as_bytes())?;
         }

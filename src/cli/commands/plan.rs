@@ -7,6 +7,7 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::store_env;
 use crate::doctor::{available_bytes, bytes_text};
+use crate::outputs::check_place;
 use crate::run::{PlanOptions, Planned, plan_run};
 use clap::Args as ClapArgs;
 use plan::{Calibration, Cost, Estimate, InvalidInput, Recipe, cost};
@@ -63,6 +64,7 @@ pub(super) fn plan_with(
         threads: threads(global),
     };
     let steps = Steps { global, bars: Mutex::default() };
+    check_place(&run_folder(args))?;
     let planned = plan_run(&args.recipe, &run_folder(args), &options, &|what, done, all| {
         steps.tell(what, done, all);
     });

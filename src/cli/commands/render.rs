@@ -6,6 +6,7 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
+use crate::outputs::Outputs;
 use crate::run::Run;
 use clap::Args as ClapArgs;
 use render::Loaded;
@@ -15,7 +16,7 @@ use render::formats::encode_rgb_exr;
 use render::ids::SceneId;
 use render::layer::Layer;
 use render::line::{Roots, SceneLine, parse_scene};
-use render::merge::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, encode_png};
+use render::merge::{LayerRecord, TUPLE_SCHEMA, TUPLE_SCHEMA_1, Tuple, TupleRecord, encode_png};
 use render::scene::{SceneFacts, read_files_by};
 use render::shard::ShardLayout;
 use render::trace::TRACER_VERSION;
@@ -25,6 +26,9 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+
+/// Endings of the file names of each layer.
+const ENDINGS: [&str; 2] = ["exr", "png"];
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct RenderArgs {
@@ -57,6 +61,8 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
         source.line.film.spp = spp;
     }
     let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
+    let outputs = outputs(args, &source)?;
+    outputs.check()?;
     let clock = Instant::now();
     let inputs = store_env::inputs();
     let files = read_files_by(&source.line, &source.roots, &source.base, &|path| inputs.read(path))
@@ -94,6 +100,7 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     let trace_s = clock.elapsed().as_secs_f64();
     let tuple = tuple.map_err(|e| invalid(e.into()))?;
     let clock = Instant::now();
+    outputs.claim()?;
     write(&tuple, &args.out)?;
     let write_s = clock.elapsed().as_secs_f64();
 
@@ -124,7 +131,7 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     let given = Roots::parse(&args.roots.roots)?;
     let folder = args.scene.parent().map_or_else(PathBuf::new, Path::to_owned);
     let value = serde_json::from_str::<serde_json::Value>(&text).unwrap_or_default();
-    if value["schema"] != TUPLE_SCHEMA {
+    if value["schema"] != TUPLE_SCHEMA && value["schema"] != TUPLE_SCHEMA_1 {
         let line = parse_scene(&text).map_err(|e| invalid(e.into()))?;
         return Ok(Source { line, base: folder, roots: given, record: None });
     }
@@ -143,9 +150,20 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     Ok(Source { line: record.scene.clone(), base, roots, record: Some(record) })
 }
 
+/// Returns the files to write, and the files that the command reads.
+fn outputs<'a>(args: &'a RenderArgs, source: &Source) -> Result<Outputs<'a>, Failure> {
+    let Source { line, base, roots, .. } = source;
+    let files =
+        line.film.layers.names().flat_map(|name| ENDINGS.map(|e| format!("{name}.{e}").into()));
+    let mut inputs = vec![args.scene.clone()];
+    for (_, path) in line.front.paths().into_iter().chain(line.back.paths()) {
+        inputs.push(roots.resolve(base, path)?);
+    }
+    Ok(Outputs { command: "render", folder: &args.out, files: files.collect(), inputs })
+}
+
 /// Writes each layer as EXR and PNG.
 fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
-    atomic_file::create_dir(out)?;
     let encoder = SrgbEncoder::new();
     for (layer, pixels) in tuple.made() {
         let (w, h) = (tuple.width, tuple.height);

@@ -4,7 +4,8 @@ use crate::cli::args::{Global, StoreArgs};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::{Output, reasons};
 use crate::cli::target;
-use crate::report::{Report, write_report};
+use crate::outputs::check_file;
+use crate::report::{Report, is_report, write_report};
 use crate::run::keys;
 use clap::Args as ClapArgs;
 use render::ids::SceneId;
@@ -30,6 +31,9 @@ const SHOWN: usize = 10;
 
 pub(super) fn run(args: &ReportArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
+    if let Some(out) = &args.out {
+        check_file(out, "report", &is_report)?;
+    }
     if global.dry_run {
         let report = args.out.clone().unwrap_or_else(|| run.path(keys::REPORT));
         let planned = Planned { report: report.to_string_lossy(), dry_run: true };

@@ -4,9 +4,10 @@ use crate::cli::args::{Global, threads, typed};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
+use crate::outputs::Outputs;
 use clap::{Args as ClapArgs, ValueEnum};
 use plan::{DepthRanges, Place};
-use procedural::{SampleError, SamplePhotograph};
+use procedural::{PlacesPhotograph, SampleError, SamplePhotograph};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 use std::borrow::Cow;
@@ -62,6 +63,7 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
         SampleLayout::Diode => {
             let photographs = procedural::listing(count, seed);
             let [width, height] = size(1024, 768);
+            claim(dir, photographs.iter().flat_map(SamplePhotograph::paths).collect(), global)?;
             make(&photographs, global, |p| procedural::write(dir, p, width, height))?;
             Photographs {
                 size: [width, height],
@@ -77,6 +79,7 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
                 [Place::Indoors, Place::Outdoor].map(|p| table.categories_of(p));
             let photographs = procedural::places_listing(count, seed, &indoors, &outdoors);
             let [width, height] = size(256, 256);
+            claim(dir, photographs.iter().flat_map(PlacesPhotograph::paths).collect(), global)?;
             make(&photographs, global, |p| procedural::write_places(dir, p, width, height))?;
             let below = Path::new(procedural::PLACES_COLOR);
             Photographs {
@@ -109,6 +112,12 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
     };
     output.show("glasshouse.sample/1", &sample);
     Ok(Exit::Done)
+}
+
+/// Records the files as this command's own; in a dry run, only checks them.
+fn claim(folder: &Path, files: Vec<PathBuf>, global: &Global) -> Result<(), Failure> {
+    let outputs = Outputs { command: "sample", folder, files, inputs: Vec::new() };
+    Ok(if global.dry_run { outputs.check()? } else { outputs.claim()? })
 }
 
 /// Makes all photographs with `write`; in a dry run, does nothing.

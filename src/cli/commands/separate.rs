@@ -6,6 +6,7 @@ use crate::cli::network::{Network, NetworkArgs, Which, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
+use crate::outputs::Outputs;
 use clap::Args as ClapArgs;
 use compose::read_picture;
 use image::{ImageFormat, RgbImage};
@@ -13,7 +14,7 @@ use plan::FeatureSource;
 use render::atomic_file;
 use serde::Serialize;
 use std::borrow::Cow;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io::Cursor;
 use std::path::{self, Path, PathBuf};
@@ -39,12 +40,19 @@ pub(super) struct SeparateArgs {
 const ENDINGS: [&str; 2] = ["transmission", "glass_reflection"];
 
 pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
-    let targets = targets(&args.images, &args.out)?;
+    let targets = targets(&args.images)?;
+    let outputs = Outputs {
+        command: "separate",
+        folder: &args.out,
+        files: targets.iter().flatten().cloned().collect(),
+        inputs: args.images.clone(),
+    };
+    outputs.check()?;
     use_threads(global);
     let network =
         Network::open(&args.checkpoint, Which::Best, args.network.features.as_deref(), output)?;
     if !global.dry_run {
-        atomic_file::create_dir(&args.out)?;
+        outputs.claim()?;
     }
     let signals = Signals::catch();
     let progress = Progress::new(global, "pictures", args.images.len() as u64);
@@ -58,16 +66,18 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
         }
         match readable(path) {
             Ok(picture) => {
+                let targets = targets.each_ref().map(|name| args.out.join(name));
                 if !global.dry_run {
-                    separate(&network, &picture, args.network.tile_px, targets)?;
+                    separate(&network, &picture, args.network.tile_px, &targets)?;
                 }
-                let [transmission, glass_reflection] = targets;
+                let [transmission, glass_reflection] =
+                    targets.map(|path| path.to_string_lossy().into_owned());
                 images.push(Done {
                     image: path.to_string_lossy(),
                     width: picture.width(),
                     height: picture.height(),
-                    transmission: transmission.to_string_lossy(),
-                    glass_reflection: glass_reflection.to_string_lossy(),
+                    transmission,
+                    glass_reflection,
                 });
             }
             Err(reason) => {
@@ -122,8 +132,8 @@ struct Done<'a> {
     image: Cow<'a, str>,
     width: u32,
     height: u32,
-    transmission: Cow<'a, str>,
-    glass_reflection: Cow<'a, str>,
+    transmission: String,
+    glass_reflection: String,
 }
 
 #[derive(Serialize)]
@@ -140,10 +150,8 @@ impl fmt::Display for Separated<'_> {
     }
 }
 
-/// Returns the files to write for each image. Fails if two of these files are the same, or one of them is an input.
-fn targets(images: &[PathBuf], out: &Path) -> Result<Vec<[PathBuf; 2]>, Failure> {
-    let real = |path: &Path| path.canonicalize().ok();
-    let given: BTreeSet<PathBuf> = images.iter().filter_map(|path| real(path)).collect();
+/// Returns the names of the files to write for each image. Fails if two of them are equal.
+fn targets(images: &[PathBuf]) -> Result<Vec<[PathBuf; 2]>, Failure> {
     let mut by_target: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     let mut targets = Vec::new();
     for image in images {
@@ -153,7 +161,7 @@ fn targets(images: &[PathBuf], out: &Path) -> Result<Vec<[PathBuf; 2]>, Failure>
         let of_image = ENDINGS.map(|ending| {
             let mut name = stem.to_owned();
             name.push(format!(".{ending}.png"));
-            out.join(name)
+            PathBuf::from(name)
         });
         for target in &of_image {
             if let Some(other) = by_target.insert(target.clone(), image) {
@@ -162,13 +170,6 @@ fn targets(images: &[PathBuf], out: &Path) -> Result<Vec<[PathBuf; 2]>, Failure>
                     "{} and {} would both become {}; separate them into different folders",
                     other.display(),
                     image.display(),
-                    target.display()
-                ));
-            }
-            if real(target).is_some_and(|path| given.contains(&path)) {
-                return Err(failure!(
-                    Exit::Usage,
-                    "{} is one of the pictures to separate and would be overwritten; give another --out",
                     target.display()
                 ));
             }

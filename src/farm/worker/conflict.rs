@@ -9,6 +9,8 @@ use crate::farm::tuples::write_tuple;
 use crate::run::{keys, other_workers};
 use crate::store::StoreError;
 use bytes::Bytes;
+use render::line::SceneLine;
+use render::merge::encode_tuple_record_1;
 use render::partial;
 use std::path::PathBuf;
 
@@ -60,6 +62,7 @@ impl<'a> Worker<'a> {
         let named = |(name, bytes): (String, Vec<u8>)| (keys::tuple(&line.id, &name), bytes.into());
         let mut own: Vec<(String, Bytes)> = files.into_iter().map(named).collect();
         match write_tuple(self.store, &own) {
+            Err(StoreError::Differs { key, .. }) if self.is_older(line, &key, &own)? => Ok(true),
             Err(StoreError::Differs { key, here, there, .. }) => {
                 let first = own.iter().position(|(own, _)| *own == key).unwrap_or(0);
                 own.swap(0, first);
@@ -68,6 +71,21 @@ impl<'a> Worker<'a> {
             }
             written => Ok(written.map(|()| true)?),
         }
+    }
+
+    /// True if the object under `key` is the record of the same tuple by an older version of the program.
+    fn is_older(
+        &self,
+        line: &SceneLine,
+        key: &str,
+        own: &[(String, Bytes)],
+    ) -> Result<bool, StoreError> {
+        let Some((_, own)) = own.last().filter(|_| key == keys::tuple_record(&line.id)) else {
+            return Ok(false);
+        };
+        let older =
+            serde_json::from_slice(own).ok().and_then(|own| encode_tuple_record_1(&own).ok());
+        Ok(older.is_some() && older.as_deref() == self.store.get(key)?.as_deref())
     }
 
     /// Checks this machine, and then records a conflict over the first object of `own` and fails the scene.

@@ -7,7 +7,7 @@ use crate::run::{AccessError, Task};
 use render::color::SrgbEncoder;
 use render::job::SceneJob;
 use render::line::SceneLine;
-use render::merge::{Tuple, encode_tuple_file, tuple_files};
+use render::merge::{Tuple, encode_tuple_image, encode_tuple_record, tuple_images};
 use render::scene::{LoadError, SceneFiles};
 use std::sync::{Arc, Mutex};
 
@@ -72,7 +72,8 @@ pub(super) struct EncodedTuple {
     pub(super) miss_share: f64,
 }
 
-/// A scene with all shards in memory. Each of its files is encoded by a separate job, on any compute thread.
+/// A scene with all shards in memory. Each of its images is encoded by a separate job, on any compute thread; the job
+/// that ends last encodes the record, which has the digests of the images.
 pub(super) struct FinishedScene<'a> {
     pub(super) task: Arc<ActiveTask<'a>>,
     tuple: Tuple,
@@ -82,24 +83,24 @@ pub(super) struct FinishedScene<'a> {
 
 impl<'a> FinishedScene<'a> {
     pub(super) fn new(task: Arc<ActiveTask<'a>>, tuple: Tuple) -> Self {
-        let names = tuple_files(task.job.line);
+        let names = tuple_images(task.job.line);
         let count = names.len() + usize::from(!tuple.noise.is_empty());
         Self { task, encoded: Mutex::new(vec![None; count]), names, tuple }
     }
 
-    /// Returns the number of files: the tuple's files, and the noise map if the tuple has one.
+    /// Returns the number of images: the tuple's, and the noise map if the tuple has one.
     pub(super) fn len(&self) -> usize {
         self.names.len() + usize::from(!self.tuple.noise.is_empty())
     }
 
-    /// Encodes a file. Returns all files once every one is encoded, and `None` before.
+    /// Encodes an image. Returns all files once every image is encoded, and `None` before.
     pub(super) fn encode(
         &self,
         file: usize,
         encoder: &SrgbEncoder,
     ) -> Result<Option<EncodedTuple>, FarmError> {
         let bytes = match self.names.get(file) {
-            Some(name) => encode_tuple_file(&self.tuple, encoder, name)
+            Some(name) => encode_tuple_image(&self.tuple, encoder, name)
                 .map_err(|e| AccessError::Tuple(e.to_string()))?,
             None => encode_noise(&self.tuple)?,
         };
@@ -109,7 +110,9 @@ impl<'a> FinishedScene<'a> {
             return Ok(None);
         }
         let mut bytes = encoded.iter_mut().filter_map(Option::take);
-        let files = self.names.iter().cloned().zip(bytes.by_ref()).collect();
+        let mut files: Vec<_> = self.names.iter().cloned().zip(bytes.by_ref()).collect();
+        let record = encode_tuple_record(&self.tuple.record, &files);
+        files.push(record.map_err(|e| AccessError::Tuple(e.to_string()))?);
         let layers = self.tuple.record.layers.values();
         let miss_share = layers.map(|layer| layer.miss_share).fold(0.0, f64::max);
         Ok(Some(EncodedTuple { files, noise: bytes.next(), miss_share }))

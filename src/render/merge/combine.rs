@@ -173,6 +173,8 @@ impl Combined {
         let record = TupleRecord {
             schema: TUPLE_SCHEMA.to_owned(),
             tracer_version: TRACER_VERSION,
+            // The files are encoded later.
+            files: BTreeMap::new(),
             base: "../..".to_owned(),
             layers: records,
             facts: first.header.facts.clone(),

@@ -1,6 +1,7 @@
 //! A tuple: the images of a scene, up to four, and their provenance.
 
 use super::noise::NoiseMap;
+use super::write::tuple_images;
 use crate::layer::{Layer, PerLayer};
 use crate::line::SceneLine;
 use crate::scene::{InputDigests, SceneFacts};
@@ -8,7 +9,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Schema name of `tuple.json`.
-pub const TUPLE_SCHEMA: &str = "glasshouse.tuple/1";
+pub const TUPLE_SCHEMA: &str = "glasshouse.tuple/2";
+/// Older schema, without digests of the files.
+pub const TUPLE_SCHEMA_1: &str = "glasshouse.tuple/1";
 
 /// Up to four linear Rec.709 images and their record.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,9 +39,12 @@ impl Tuple {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TupleRecord {
-    /// Always [`TUPLE_SCHEMA`].
+    /// [`TUPLE_SCHEMA`] or, in tuples of older versions of the program, [`TUPLE_SCHEMA_1`].
     pub schema: String,
     pub tracer_version: u32,
+    /// BLAKE3 of each other file of the tuple, by its name; empty with [`TUPLE_SCHEMA_1`].
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: BTreeMap<String, String>,
     /// Base folder of the scene's relative paths, relative to this file's folder.
     pub base: String,
     /// Statistics of each requested layer by its name: `input`, `transmission`, `glass_reflection`, `clean_reflection`.
@@ -48,6 +54,35 @@ pub struct TupleRecord {
     /// Digests of the input files.
     pub inputs: InputDigests,
     pub scene: SceneLine,
+}
+
+impl TupleRecord {
+    /// Compares the bytes of a file with its digest. Accepts all bytes if the record has no digests
+    /// ([`TUPLE_SCHEMA_1`]). An error is a text for the user.
+    pub fn check_file(&self, name: &str, bytes: &[u8]) -> Result<(), String> {
+        match self.files.get(name) {
+            Some(digest) if *digest == file_digest(bytes) => Ok(()),
+            Some(_) => Err("its bytes do not match their digest in tuple.json".to_owned()),
+            None if self.files.is_empty() => Ok(()),
+            None => Err("tuple.json has no digest of it".to_owned()),
+        }
+    }
+
+    /// True if the record has digests of the files of its scene's tuple, or an older schema without them.
+    pub(super) fn is_complete(&self) -> bool {
+        match self.schema.as_str() {
+            TUPLE_SCHEMA => {
+                tuple_images(&self.scene).iter().all(|name| self.files.contains_key(name))
+            }
+            TUPLE_SCHEMA_1 => self.files.is_empty(),
+            _ => false,
+        }
+    }
+}
+
+/// Computes the digest of a tuple's file for [`TupleRecord::files`].
+pub(super) fn file_digest(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex().to_string()
 }
 
 /// Statistics of one layer.

@@ -1,6 +1,6 @@
 //! Writes a tuple: `tuple.exr`, the layers' PNGs, and `tuple.json` last, so that its presence implies the others.
 
-use super::tuple::{Tuple, TupleRecord};
+use super::tuple::{TUPLE_SCHEMA_1, Tuple, TupleRecord, file_digest};
 use crate::atomic_file::{self, WriteError};
 use crate::color::{SrgbEncoder, linear_to_srgb16};
 use crate::formats::exr_write::{HALF_MAX, channel, encode_exr};
@@ -10,15 +10,23 @@ use crate::trace::TRACER_VERSION;
 use exr::prelude::f16;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
+use std::collections::BTreeMap;
 use std::path::Path;
+
+/// Name of a tuple's record, its last file.
+const RECORD: &str = "tuple.json";
 
 /// Returns the names of a tuple's files, in the order of writing.
 pub fn tuple_files(line: &SceneLine) -> Vec<String> {
+    let mut names = tuple_images(line);
+    names.push(RECORD.to_owned());
+    names
+}
+
+/// Returns the names of a tuple's files except for its record.
+pub fn tuple_images(line: &SceneLine) -> Vec<String> {
     let pngs = line.film.layers.names().map(|name| format!("{name}.png"));
-    std::iter::once("tuple.exr".to_owned())
-        .chain(pngs)
-        .chain(std::iter::once("tuple.json".to_owned()))
-        .collect()
+    std::iter::once("tuple.exr".to_owned()).chain(pngs).collect()
 }
 
 /// Reason why a tuple cannot be written.
@@ -36,7 +44,7 @@ fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
 
 /// True if the folder contains the complete tuple of this scene line, made by this version of the tracer.
 pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
-    let Ok(text) = std::fs::read_to_string(folder.join("tuple.json")) else {
+    let Ok(text) = std::fs::read_to_string(folder.join(RECORD)) else {
         return false;
     };
     is_record_of(text.as_bytes(), line)
@@ -46,44 +54,70 @@ pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
 /// True if the bytes are the `tuple.json` of this scene line, made by this version of the tracer.
 pub fn is_record_of(bytes: &[u8], line: &SceneLine) -> bool {
     let record: Result<TupleRecord, _> = serde_json::from_slice(bytes);
-    record.is_ok_and(|r| r.scene == *line && r.tracer_version == TRACER_VERSION)
+    record.is_ok_and(|r| r.scene == *line && r.tracer_version == TRACER_VERSION && r.is_complete())
 }
 
 /// Writes the tuple's files into `folder`, durably.
 pub fn write_tuple(tuple: &Tuple, folder: &Path) -> Result<(), TupleWriteError> {
-    let encoder = SrgbEncoder::new();
+    let files = encode_tuple(tuple, &SrgbEncoder::new())?;
     atomic_file::create_dir(folder)?;
-    for name in tuple_files(&tuple.record.scene) {
-        let bytes = encode_tuple_file(tuple, &encoder, &name)?;
+    for (name, bytes) in files {
         atomic_file::write(&folder.join(name), &bytes)?;
     }
     Ok(())
 }
 
-/// Encodes one of a tuple's [`tuple_files`].
-pub fn encode_tuple_file(
+/// Encodes a tuple's [`tuple_files`]. Returns names and bytes in the order of writing.
+pub fn encode_tuple(
+    tuple: &Tuple,
+    encoder: &SrgbEncoder,
+) -> Result<Vec<(String, Vec<u8>)>, TupleWriteError> {
+    let mut files = Vec::new();
+    for name in tuple_images(&tuple.record.scene) {
+        let bytes = encode_tuple_image(tuple, encoder, &name)?;
+        files.push((name, bytes));
+    }
+    files.push(encode_tuple_record(&tuple.record, &files)?);
+    Ok(files)
+}
+
+/// Encodes one of a tuple's [`tuple_images`].
+pub fn encode_tuple_image(
     tuple: &Tuple,
     encoder: &SrgbEncoder,
     name: &str,
 ) -> Result<Vec<u8>, TupleWriteError> {
-    match name {
-        "tuple.exr" => encode_tuple_exr(tuple).map_err(|e| encode_error(name, &e)),
-        "tuple.json" => {
-            let mut json =
-                serde_json::to_string_pretty(&tuple.record).map_err(|e| encode_error(name, &e))?;
-            json.push('\n');
-            Ok(json.into_bytes())
-        }
-        _ => {
-            let stem = name.strip_suffix(".png").unwrap_or(name);
-            let (_, pixels) = tuple
-                .made()
-                .find(|(layer, _)| layer.name() == stem)
-                .ok_or_else(|| encode_error(name, &"the tuple has no such layer"))?;
-            encode_png(encoder, pixels, tuple.width, tuple.height)
-                .map_err(|e| encode_error(name, &e))
-        }
+    if name == "tuple.exr" {
+        return encode_tuple_exr(tuple).map_err(|e| encode_error(name, &e));
     }
+    let stem = name.strip_suffix(".png").unwrap_or(name);
+    let (_, pixels) = tuple
+        .made()
+        .find(|(layer, _)| layer.name() == stem)
+        .ok_or_else(|| encode_error(name, &"the tuple has no such layer"))?;
+    encode_png(encoder, pixels, tuple.width, tuple.height).map_err(|e| encode_error(name, &e))
+}
+
+/// Encodes `tuple.json` with the digests of the tuple's `images`. Returns its name and bytes.
+pub fn encode_tuple_record(
+    record: &TupleRecord,
+    images: &[(String, Vec<u8>)],
+) -> Result<(String, Vec<u8>), TupleWriteError> {
+    let digests = images.iter().map(|(name, bytes)| (name.clone(), file_digest(bytes)));
+    let record = TupleRecord { files: digests.collect(), ..record.clone() };
+    Ok((RECORD.to_owned(), record_bytes(&record)?))
+}
+
+/// Encodes `tuple.json` as older versions of the program did, without digests of files ([`TUPLE_SCHEMA_1`]).
+pub fn encode_tuple_record_1(record: &TupleRecord) -> Result<Vec<u8>, TupleWriteError> {
+    let schema = TUPLE_SCHEMA_1.to_owned();
+    record_bytes(&TupleRecord { schema, files: BTreeMap::new(), ..record.clone() })
+}
+
+fn record_bytes(record: &TupleRecord) -> Result<Vec<u8>, TupleWriteError> {
+    let mut json = serde_json::to_string_pretty(record).map_err(|e| encode_error(RECORD, &e))?;
+    json.push('\n');
+    Ok(json.into_bytes())
 }
 
 /// Encodes a layer as 8-bit sRGB PNG. Clips values above 1.

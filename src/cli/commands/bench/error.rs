@@ -2,7 +2,7 @@
 
 use crate::bench::{
     BenchError, ERROR_SCHEMA, ErrorReport, Ladder, VARIANTS, Work, climb, cpu_name, isa_name,
-    own_reference, pair, read_reference, slopes,
+    own_reference, pair, read_reference, reference_files, slopes,
 };
 use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
 use crate::cli::commands::bench::read_scene;
@@ -10,13 +10,14 @@ use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
+use crate::outputs::Outputs;
 use clap::Args as ClapArgs;
 use render::line::Roots;
 use render::trace::{Isa, TRACER_VERSION};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 #[derive(Debug, ClapArgs)]
@@ -70,6 +71,8 @@ pub(super) fn run(
         Some(dir) => Some(read_reference(dir, &scene.line)?),
         None => None,
     };
+    let outputs = outputs(args);
+    outputs.check()?;
     if global.dry_run {
         let planned = Planned {
             dry_run: true,
@@ -84,6 +87,7 @@ pub(super) fn run(
         return Ok(Exit::Done);
     }
 
+    outputs.claim()?;
     let signals = Signals::catch();
     let stopped = || failure!(signals.exit(), "stopped by a signal: no table was written");
     let isa = isa(global)?;
@@ -122,6 +126,16 @@ pub(super) fn run(
     report.write(&args.out)?;
     output.show(ERROR_SCHEMA, &report);
     Ok(Exit::Done)
+}
+
+/// Returns the files to write, and the files that the command reads.
+fn outputs(args: &BenchErrorArgs) -> Outputs<'_> {
+    let mut files = ErrorReport::FILES.map(PathBuf::from).to_vec();
+    if args.reference.is_none() {
+        files.extend(reference_files().map(|name| Path::new("reference").join(name)));
+    }
+    let inputs = args.scene.iter().cloned().collect();
+    Outputs { command: "bench error", folder: &args.out, files, inputs }
 }
 
 /// Settings of a rendering with progress.
