@@ -153,6 +153,10 @@ mod tests {
     use super::*;
     use std::fs;
 
+    fn write(path: impl AsRef<Path>, text: &str) {
+        atomic_file::write(path.as_ref(), text.as_bytes()).unwrap();
+    }
+
     fn outputs<'a>(folder: &'a Path, command: &'static str, inputs: &[PathBuf]) -> Outputs<'a> {
         let files = ["input.png", "input.exr"].map(PathBuf::from).into();
         Outputs { command, folder, files, inputs: inputs.to_owned() }
@@ -165,7 +169,7 @@ mod tests {
         outputs(folder, "render", &[]).check().unwrap();
         assert!(!folder.exists());
         outputs(folder, "render", &[]).claim().unwrap();
-        fs::write(folder.join("input.png"), "rendered").unwrap();
+        write(folder.join("input.png"), "rendered");
         outputs(folder, "render", &[]).claim().unwrap();
         let list = fs::read_to_string(folder.join(WRITTEN_FILE)).unwrap();
         assert_eq!(list.lines().count(), 1, "{list}");
@@ -183,16 +187,16 @@ mod tests {
     fn an_unfinished_line_hides_no_later_line() {
         let dir = tempfile::tempdir().unwrap();
         let list = dir.path().join(WRITTEN_FILE);
-        fs::write(&list, r#"{"schema":"glasshouse.written/1","comm"#).unwrap();
+        write(&list, r#"{"schema":"glasshouse.written/1","comm"#);
         outputs(dir.path(), "render", &[]).claim().unwrap();
-        fs::write(dir.path().join("input.exr"), "rendered").unwrap();
+        write(dir.path().join("input.exr"), "rendered");
         outputs(dir.path(), "render", &[]).check().unwrap();
     }
 
     #[test]
     fn a_file_of_another_program_and_links_to_inputs_are_not_overwritten() {
         let dir = tempfile::tempdir().unwrap();
-        fs::write(dir.path().join("photo.png"), "photograph").unwrap();
+        write(dir.path().join("photo.png"), "photograph");
         let out = dir.path().join("out");
         fs::create_dir(&out).unwrap();
         std::os::unix::fs::symlink("../photo.png", out.join("input.png")).unwrap();
@@ -201,7 +205,7 @@ mod tests {
         let photo = [dir.path().join("photo.png")];
         let error = outputs(&out, "render", &photo).check().unwrap_err();
         assert!(matches!(error, OutputsError::Input { .. }), "{error}");
-        fs::write(out.join("tuple.json"), "{}").unwrap();
+        write(out.join("tuple.json"), "{}");
         let error = outputs(&out, "render", &[]).check().unwrap_err().to_string();
         assert!(error.contains("(its folder is a tuple)"), "{error}");
         let file = &dir.path().join("photo.png");
@@ -212,7 +216,7 @@ mod tests {
     fn the_folders_of_a_runs_objects_are_refused() {
         let dir = tempfile::tempdir().unwrap();
         let run = dir.path().canonicalize().unwrap();
-        fs::write(run.join(keys::SPEC), "{}").unwrap();
+        write(run.join(keys::SPEC), "{}");
         fs::create_dir(run.join("tuples")).unwrap();
         std::os::unix::fs::symlink("tuples", run.join("link")).unwrap();
         for inside in ["tuples", "tuples/new", "inputs/a/b", "link/new", "x/../partials"] {

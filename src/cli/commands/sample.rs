@@ -117,7 +117,7 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
 /// Records the files as this command's own; in a dry run, only checks them.
 fn claim(folder: &Path, files: Vec<PathBuf>, global: &Global) -> Result<(), Failure> {
     let outputs = Outputs { command: "sample", folder, files, inputs: Vec::new() };
-    Ok(if global.dry_run { outputs.check()? } else { outputs.claim()? })
+    if global.dry_run { outputs.check() } else { outputs.claim() }.map_err(Failure::from)
 }
 
 /// Makes all photographs with `write`; in a dry run, does nothing.
