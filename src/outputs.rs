@@ -7,7 +7,7 @@ use crate::run::keys;
 use render::atomic_file::{self, WriteError};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// Schema of each line of [`WRITTEN_FILE`].
 pub(crate) const WRITTEN_SCHEMA: &str = "glasshouse.written/1";
@@ -135,17 +135,19 @@ pub(crate) fn check_place(path: &Path) -> Result<(), OutputsError> {
     Ok(())
 }
 
-/// Resolves links in the part of a path that exists.
+/// Resolves links in the part of a path that exists, and `..` in all of it.
 fn real(path: &Path) -> PathBuf {
     let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    let mut missing = Vec::new();
-    for folder in absolute.ancestors() {
-        if let Ok(real) = folder.canonicalize() {
-            return missing.iter().rev().fold(real, |path: PathBuf, name| path.join(name));
+    let mut real = PathBuf::new();
+    for component in absolute.components() {
+        if component == Component::ParentDir {
+            real.pop();
+        } else {
+            real.push(component);
+            real = real.canonicalize().unwrap_or(real);
         }
-        missing.extend(folder.file_name());
     }
-    absolute
+    real
 }
 
 #[cfg(test)]

@@ -175,11 +175,29 @@ exit_codes! {
     }
 }
 
-/// Converts the error of a callback, which is a [`StoreError`](crate::store::StoreError) if the store failed.
+/// Converts the error of a callback: a [`StoreError`](crate::store::StoreError) if the store failed, or a
+/// `train::SeparatorError`.
 fn from_boxed(error: Box<dyn std::error::Error + Send + Sync>) -> Failure {
-    match error.downcast::<crate::store::StoreError>() {
-        Ok(error) => (*error).into(),
-        Err(error) => Failure::new(Exit::Failed, anyhow::Error::from_boxed(error)),
+    let error = match error.downcast::<crate::store::StoreError>() {
+        Ok(error) => return (*error).into(),
+        Err(error) => error,
+    };
+    #[cfg(feature = "train")]
+    let error = match error.downcast::<train::SeparatorError>() {
+        Ok(error) => return (*error).into(),
+        Err(error) => error,
+    };
+    Failure::new(Exit::Failed, anyhow::Error::from_boxed(error))
+}
+
+#[cfg(feature = "train")]
+impl From<train::SeparatorError> for Failure {
+    fn from(error: train::SeparatorError) -> Self {
+        let exit = match error {
+            train::SeparatorError::OtherFeatures { .. } => Exit::Disagrees,
+            _ => Exit::InvalidInput,
+        };
+        Self::new(exit, error)
     }
 }
 
@@ -210,7 +228,7 @@ impl From<compose::EvaluateError> for Failure {
     fn from(error: compose::EvaluateError) -> Self {
         use compose::EvaluateError as E;
         match error {
-            E::Subject(error) => from_boxed(error),
+            E::Subject(error) | E::Method(error) => from_boxed(error),
             error => Self::new(Exit::Failed, error),
         }
     }
@@ -219,6 +237,7 @@ impl From<compose::EvaluateError> for Failure {
 #[cfg(feature = "train")]
 impl From<train::TrainError> for Failure {
     fn from(error: train::TrainError) -> Self {
+        use train::CheckpointError as C;
         use train::ExampleError as X;
         use train::TrainError as E;
         let error = match error {
@@ -231,6 +250,7 @@ impl From<train::TrainError> for Failure {
             E::Frozen { .. } | E::OtherOrigin { .. } => Exit::Disagrees,
             E::NoBacktrack { .. }
             | E::Features(_)
+            | E::Checkpoint(C::Damaged { .. })
             | E::Example(X::Unusable { .. } | X::None(_)) => Exit::InvalidInput,
             E::Lock { .. }
             | E::Example(_)

@@ -9,8 +9,7 @@ use plan::{FeatureSource, Stage};
 use std::path::{Path, PathBuf};
 use train::candle_core::Device;
 use train::{
-    Best, Checkpoint, CheckpointState, Features, Separator, SeparatorError, checkpoint_folder,
-    stage_folder,
+    Best, Checkpoint, CheckpointState, Features, Separator, checkpoint_folder, stage_folder,
 };
 
 /// Default side of a tile, px.
@@ -113,13 +112,7 @@ impl Network {
         if let (Some(path), Some(blake3)) = (file, &blake3) {
             output.note(&format!("VGG-19 from {}, BLAKE3 {blake3}", path.display()));
         }
-        let separator = Separator::new(&checkpoint, vgg, blake3.as_deref()).map_err(|error| {
-            let exit = match error {
-                SeparatorError::OtherFeatures { .. } => Exit::Disagrees,
-                _ => Exit::InvalidInput,
-            };
-            Failure::new(exit, error)
-        })?;
+        let separator = Separator::new(&checkpoint, vgg, blake3.as_deref())?;
         Ok(Self { separator, path: checkpoint.path, state: checkpoint.state })
     }
 

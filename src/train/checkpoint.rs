@@ -59,6 +59,10 @@ pub enum CheckpointError {
     Write(#[from] WriteError),
     #[error("the checkpoint {} cannot be used: {reason}", path.display())]
     Damaged { path: PathBuf, reason: String },
+    #[error(
+        "the networks of step {step} are not written: {reason}; earlier checkpoints stay. A smaller learning rate may help, in a new run (settings are frozen)"
+    )]
+    Exploded { step: u64, reason: String },
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
 }
@@ -96,7 +100,7 @@ pub fn checkpoint_folder(stage_folder: &Path, step: u64) -> PathBuf {
     stage_folder.join(format!("step-{step:07}"))
 }
 
-/// Writes a checkpoint atomically and durably; returns its folder.
+/// Writes a checkpoint atomically and durably; returns its folder. Refuses values that are not finite.
 pub fn write_checkpoint(
     stage_folder: &Path,
     step: u64,
@@ -106,6 +110,11 @@ pub fn write_checkpoint(
     validation_psnr_db: Option<f64>,
 ) -> Result<PathBuf, CheckpointError> {
     let path = checkpoint_folder(stage_folder, step);
+    for tensors in [learner.model(), learner.moments()] {
+        if let Some(reason) = not_finite(&tensors)? {
+            return Err(CheckpointError::Exploded { step, reason });
+        }
+    }
     let bytes = |tensors: BTreeMap<String, Tensor>| {
         safetensors::serialize(tensors, None)
             .map_err(|e| CheckpointError::Damaged { path: path.clone(), reason: e.to_string() })
@@ -136,12 +145,25 @@ pub fn write_checkpoint(
     Ok(path)
 }
 
+/// Names a tensor that is not finite.
+fn not_finite<'a>(
+    tensors: impl IntoIterator<Item = (&'a String, &'a Tensor)>,
+) -> candle_core::Result<Option<String>> {
+    for (name, tensor) in tensors {
+        let values: Vec<f32> = tensor.flatten_all()?.to_vec1()?;
+        if let Some(value) = values.iter().find(|value| !value.is_finite()) {
+            return Ok(Some(format!("the value of {name} is not finite ({value})")));
+        }
+    }
+    Ok(None)
+}
+
 fn digest(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex().to_string()
 }
 
 impl Checkpoint {
-    /// Reads a checkpoint and verifies the digests of its files.
+    /// Reads a checkpoint, and verifies the digests of its files and that every value is finite.
     pub fn read(path: &Path, device: &Device) -> Result<Self, CheckpointError> {
         let damaged = |reason: String| CheckpointError::Damaged { path: path.to_owned(), reason };
         let file = |name: &str| {
@@ -160,8 +182,10 @@ impl Checkpoint {
             if state.files.get(name) != Some(&digest(&bytes)) {
                 return Err(damaged(format!("{name} does not match its digest")));
             }
-            candle_core::safetensors::load_buffer(&bytes, device)
-                .map_err(|e| damaged(format!("{name}: {e}")))
+            let tensors = candle_core::safetensors::load_buffer(&bytes, device)
+                .map_err(|e| damaged(format!("{name}: {e}")))?;
+            let reason = not_finite(&tensors).map_err(|e| damaged(format!("{name}: {e}")))?;
+            reason.map_or(Ok(tensors), |reason| Err(damaged(format!("{name}: {reason}"))))
         };
         Ok(Self {
             path: path.to_owned(),

@@ -54,7 +54,7 @@ pub enum TrainError {
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
     #[error(
-        "the loss of step {step} is {loss}; the last checkpoint is valid. A smaller learning rate may help, in a new run (settings are frozen)"
+        "the loss of step {step} is {loss}; earlier checkpoints stay. A smaller learning rate may help, in a new run (settings are frozen)"
     )]
     NotFinite { step: u64, loss: f32 },
 }

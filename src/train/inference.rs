@@ -26,7 +26,7 @@ pub struct Networks<'a> {
 
 impl Networks<'_> {
     /// Computes T* and R~* of an image, clamped to [0, 1]. Splits images larger than `tile_px` a side into overlapping
-    /// tiles and normalises each tile separately.
+    /// tiles and normalises each tile separately. Fails if the network makes values that are not finite.
     pub fn separate(&self, image: &Picture, tile_px: usize) -> Result<[Picture; 2]> {
         let Some(separation) = self.separation else {
             candle_core::bail!(
@@ -115,7 +115,12 @@ impl Networks<'_> {
             None => Vec::new(),
         };
         let out = network.forward_frozen(&tensor, &features)?;
-        out.flatten_all()?.to_vec1()
+        let values: Vec<f32> = out.flatten_all()?.to_vec1()?;
+        // Clamping would turn them into black.
+        if let Some(value) = values.iter().find(|value| !value.is_finite()) {
+            candle_core::bail!("the network makes values that are not finite ({value})");
+        }
+        Ok(values)
     }
 }
 

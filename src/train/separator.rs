@@ -5,7 +5,7 @@ use super::inference::Networks;
 use super::learner::Learner;
 use super::picture::Picture;
 use super::vgg::Vgg;
-use candle_core::{Device, Result};
+use candle_core::Device;
 use image::RgbImage;
 use plan::{SettingError, Stage, TrainSettings};
 use std::path::PathBuf;
@@ -33,10 +33,14 @@ pub enum SeparatorError {
     Settings { path: PathBuf, source: SettingError },
     #[error("the networks of {} do not fit its settings: {source}; use another checkpoint", path.display())]
     Weights { path: PathBuf, source: candle_core::Error },
+    #[error("the networks of {} cannot separate a picture: {source}; use another checkpoint", path.display())]
+    Networks { path: PathBuf, source: candle_core::Error },
 }
 
 /// SP-net, BT-net and their feature network.
 pub struct Separator {
+    /// Folder of the checkpoint.
+    path: PathBuf,
     learner: Learner,
 }
 
@@ -47,7 +51,7 @@ impl Separator {
         checkpoint: &Checkpoint,
         vgg: Option<Vgg>,
         vgg_blake3: Option<&str>,
-    ) -> std::result::Result<Self, SeparatorError> {
+    ) -> Result<Self, SeparatorError> {
         let state = &checkpoint.state;
         let path = || checkpoint.path.clone();
         if state.stage == Stage::Backtrack {
@@ -74,7 +78,7 @@ impl Separator {
             Ok(learner)
         });
         match learner {
-            Ok(learner) => Ok(Self { learner }),
+            Ok(learner) => Ok(Self { path: path(), learner }),
             Err(source) => Err(SeparatorError::Weights { path: path(), source }),
         }
     }
@@ -84,9 +88,14 @@ impl Separator {
     }
 
     /// Computes T* and R~* of a picture. Splits a picture larger than `tile_px` into tiles. See [`Networks::separate`].
-    pub fn separate(&self, picture: &RgbImage, tile_px: usize) -> Result<[RgbImage; 2]> {
-        let made = self.networks().separate(&Picture::from_rgb(picture), tile_px)?;
-        Ok(made.map(|picture| picture.to_rgb()))
+    pub fn separate(
+        &self,
+        picture: &RgbImage,
+        tile_px: usize,
+    ) -> Result<[RgbImage; 2], SeparatorError> {
+        let made = self.networks().separate(&Picture::from_rgb(picture), tile_px);
+        let failed = |source| SeparatorError::Networks { path: self.path.clone(), source };
+        Ok(made.map_err(failed)?.map(|picture| picture.to_rgb()))
     }
 }
 

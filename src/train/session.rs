@@ -1,7 +1,9 @@
 //! A training session: steps, validation, checkpoints, logs, resuming.
 
 use super::batch::Batch;
-use super::checkpoint::{Checkpoint, CheckpointState, Origin, prune, write_checkpoint};
+use super::checkpoint::{
+    Checkpoint, CheckpointError, CheckpointState, Origin, prune, write_checkpoint,
+};
 use super::error::TrainError;
 use super::events::EventFile;
 use super::example::Example;
@@ -92,6 +94,8 @@ pub struct Session {
     origin: Origin,
     /// Whole images for validation.
     validation: Vec<Example>,
+    /// First example of the session, with which each checkpoint's networks are tried.
+    probe: Option<Example>,
     step: u64,
     last: Option<Last>,
 }
@@ -136,6 +140,7 @@ impl Session {
             settings,
             origin,
             validation,
+            probe: None,
         })
     }
 
@@ -173,6 +178,10 @@ impl Session {
                     return Err(error.into());
                 }
             };
+            if self.probe.is_none() {
+                self.probe = examples.first().cloned();
+                self.try_checkpoint()?;
+            }
             let batch = Batch::new(&examples, self.learner.device())?;
             let losses = self.learner.step(self.step, &batch, &mut |_| {})?;
             if !losses.total.is_finite() {
@@ -185,7 +194,7 @@ impl Session {
             busy_s += wall_s;
             let is_due = self.step.is_multiple_of(schedule.checkpoint_every.max(1))
                 || self.step == schedule.until;
-            let validated = if is_due { self.validate()? } else { None };
+            let validated = if is_due { self.try_and_validate()? } else { None };
             metrics.add(self.step, &losses, validated, wall_s).map_err(write_error(csv.clone()))?;
             if is_due {
                 // Metrics become durable first, because resumed training does not repeat the steps before a checkpoint.
@@ -242,7 +251,7 @@ impl Session {
         }
         let path = self.folder.join("metrics.csv");
         metrics.sync().map_err(|source| WriteError { path, source })?;
-        let psnr = self.validate()?;
+        let psnr = self.try_and_validate()?;
         self.write(psnr, schedule, watcher)
     }
 
@@ -274,6 +283,31 @@ impl Session {
         watcher.checkpoint(self.step, &path, psnr);
         self.last = Some(Last { step: self.step, path, validation_psnr_db: psnr });
         Ok(())
+    }
+
+    /// Refuses a checkpoint whose weights are finite, but whose outputs are not.
+    fn try_checkpoint(&self) -> Result<(), TrainError> {
+        let (Some(last), Some(probe)) = (&self.last, &self.probe) else {
+            return Ok(());
+        };
+        match self.made(probe) {
+            Ok(_) => Ok(()),
+            Err(error) => Err(CheckpointError::Damaged {
+                path: last.path.clone(),
+                reason: format!("{error}; remove it to continue from the one before"),
+            }
+            .into()),
+        }
+    }
+
+    /// Tries the networks with an example, then works like [`Self::validate`].
+    fn try_and_validate(&self) -> Result<Option<f64>, TrainError> {
+        if let Some(probe) = &self.probe {
+            let step = self.step;
+            let exploded = |error| CheckpointError::Exploded { step, reason: format!("{error}") };
+            self.made(probe).map_err(exploded)?;
+        }
+        self.validate()
     }
 
     /// Returns the mean PSNR, dB, of the 8-bit outputs for the validation images; `None` without usable images.

@@ -1,7 +1,7 @@
 //! Tests that `--out` overwrites no file of the user, no tuple and no part of a run.
 
 use crate::support::outputs::copy_folder;
-use crate::support::scenes::scene;
+use crate::support::scenes::{photographs, scene};
 use crate::support::workplace::{run_in, workplace};
 use std::path::{Path, PathBuf};
 
@@ -43,11 +43,8 @@ fn a_photograph_and_a_tuple_are_not_rendered_over() {
     std::fs::create_dir(&own).unwrap();
     let mut line = scene("one");
     line["front"]["color"] = "input.png".into();
-    for (from, to) in
-        [("a.png", "input.png"), ("a.npy", "a.npy"), ("b.png", "b.png"), ("b.npy", "b.npy")]
-    {
-        std::fs::copy(folder.join(from), own.join(to)).unwrap();
-    }
+    photographs(&own);
+    std::fs::rename(own.join("a.png"), own.join("input.png")).unwrap();
     std::fs::write(own.join("scene.json"), line.to_string()).unwrap();
     refused(
         folder,

@@ -72,7 +72,8 @@ fn a_half_traced_run_of_the_first_version_continues_with_equal_bits() {
         .collect();
     schemas.sort();
     assert_eq!(schemas, [TUPLE_SCHEMA_1, TUPLE_SCHEMA, TUPLE_SCHEMA, TUPLE_SCHEMA]);
-    run(&["audit", text(&half), "--sample", "1"]).expect(0);
+    let root = format!("photographs={}", folder.path().join("photographs").display());
+    run(&["audit", text(&half), "--share", "1", "--root", &root]).expect(0);
 }
 
 /// Readers accept the first version's tuples, and `inspect` states that nothing proves their PNGs.

@@ -94,7 +94,7 @@ fn of_a_run(files: &mut Files) {
         &[SCENE, "tile width 64", "samples 0, 64", "digest matches", "clean reflection"],
     );
     let tuple = format!("runs/smoke/tuples/{SCENE}");
-    files.is(&tuple, "tuple", whole, &[SCENE, "match every layer"]);
+    files.is(&tuple, "tuple", whole, &[SCENE, "matches its digest in tuple.json"]);
     files.is(
         &format!("{tuple}/tuple.exr"),
         "tuple_exr",
@@ -111,7 +111,7 @@ fn of_a_run(files: &mut Files) {
         &format!("{tuple}/glass_reflection.png"),
         "picture",
         whole,
-        &["64 x 64 px", "checksums match"],
+        &["64 x 64 px", "its digest matches"],
     );
     files.is("runs/smoke/report/index.html", "report", unknown, &["smoke"]);
     files.is("out/input.exr", "exr", unknown, &["40 x 24 px, float", "by `glasshouse render`"]);

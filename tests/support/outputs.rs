@@ -47,8 +47,15 @@ pub(crate) fn exr_channels(path: &Path) -> BTreeMap<String, (&'static str, Vec<u
     bits.collect()
 }
 
-/// Returns the paths of all files below `folder`, relative to it.
+/// Returns the paths of all files below `folder`, relative to it, except for lists of the files that commands wrote.
 pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
+    let mut found = all_files(folder);
+    found.retain(|path| !path.ends_with(".glasshouse-written.jsonl"));
+    found
+}
+
+/// Returns the paths of all files below `folder`, relative to it.
+fn all_files(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let mut open = vec![folder.to_owned()];
     while let Some(next) = open.pop() {
@@ -68,7 +75,7 @@ pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
 
 /// Copies all files below a folder to another folder, and creates missing folders.
 pub(crate) fn copy_folder(from: &Path, to: &Path) {
-    for file in files(from) {
+    for file in all_files(from) {
         let copy = to.join(&file);
         std::fs::create_dir_all(copy.parent().unwrap()).unwrap();
         std::fs::copy(from.join(&file), copy).unwrap();

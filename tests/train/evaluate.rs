@@ -1,5 +1,6 @@
 //! Tests trained networks on a run's scenes, on public pairs and on photographs.
 
+use crate::support::outputs::files;
 use crate::support::program::{Ended, command, run, send, text, wait_until};
 use crate::support::scenes::{Place, place};
 use image::{ExtendedColorType, ImageEncoder, Rgb, RgbImage};
@@ -215,7 +216,7 @@ fn photographs_are_separated() {
             assert_eq!(bytes, std::fs::read(file("two").join(&name)).unwrap());
         }
     }
-    assert_eq!(std::fs::read_dir(file("one")).unwrap().count(), 6);
+    assert_eq!(files(&file("one")).len(), 6);
 
     // A separation with larger tiles makes nearly the same picture.
     let whole = file("whole");
@@ -345,5 +346,5 @@ fn ctrl_c_stops_between_pictures() {
     let json = ended.expect(130).json();
     let done = json["images"].as_array().unwrap().len();
     assert!((1..200).contains(&done), "{done}");
-    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2 * done);
+    assert_eq!(files(&out).len(), 2 * done);
 }

@@ -9,6 +9,7 @@
 )]
 
 mod evaluate;
+mod finite;
 #[path = "../support/mod.rs"]
 mod support;
 mod training;

@@ -49,12 +49,12 @@ fn made() -> &'static Path {
 }
 
 /// A copy of the finished run for one test.
-struct Place {
+pub(crate) struct Place {
     folder: TempDir,
-    run: PathBuf,
+    pub(crate) run: PathBuf,
 }
 
-fn place() -> Place {
+pub(crate) fn place() -> Place {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
     copy_folder(&made().join("run"), &run);
@@ -62,13 +62,18 @@ fn place() -> Place {
 }
 
 impl Place {
-    fn arguments<'a>(&'a self, stage: &'a str, steps: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    pub(crate) fn arguments<'a>(
+        &'a self,
+        stage: &'a str,
+        steps: &'a str,
+        more: &[&'a str],
+    ) -> Vec<&'a str> {
         let mut all = vec!["train", text(&self.run), "--stage", stage, "--steps", steps];
         all.extend(more);
         all
     }
 
-    fn train(&self, stage: &str, steps: &str, more: &[&str]) -> Value {
+    pub(crate) fn train(&self, stage: &str, steps: &str, more: &[&str]) -> Value {
         let mut arguments = self.arguments(stage, steps, more);
         arguments.push("--json");
         run(&arguments).expect(0).json()
@@ -82,12 +87,12 @@ impl Place {
         names.into_iter().map(read).collect()
     }
 
-    fn folder_of(&self, stage: &str, step: u64) -> PathBuf {
+    pub(crate) fn folder_of(&self, stage: &str, step: u64) -> PathBuf {
         self.run.join("train").join(stage).join(format!("step-{step:07}"))
     }
 }
 
-fn small<'a>(more: &[&'a str]) -> Vec<&'a str> {
+pub(crate) fn small<'a>(more: &[&'a str]) -> Vec<&'a str> {
     SMALL.into_iter().chain(more.iter().copied()).collect()
 }
 

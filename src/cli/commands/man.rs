@@ -3,7 +3,7 @@
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
-use crate::outputs::Outputs;
+use crate::outputs::check_file;
 use clap::Args as ClapArgs;
 use clap::Command;
 use clap_mangen::Man;
@@ -36,11 +36,11 @@ pub(super) fn run(
     };
     let mut pages = Vec::new();
     collect(&command, &mut pages)?;
-    let files = pages.iter().map(|(name, _)| PathBuf::from(name)).collect();
-    let outputs = Outputs { command: "man", folder, files, inputs: Vec::new() };
-    outputs.check()?;
+    for (name, _) in &pages {
+        check_file(&folder.join(name), "man", &is_page)?;
+    }
     if !global.dry_run {
-        outputs.claim()?;
+        atomic_file::create_dir(folder)?;
         for (name, page) in &pages {
             atomic_file::write_relaxed(&folder.join(name), page.as_bytes())?;
         }
@@ -91,6 +91,11 @@ fn collect(command: &Command, pages: &mut Vec<(String, String)>) -> Result<(), F
         collect(inside, pages)?;
     }
     Ok(())
+}
+
+/// Returns whether this command of any version wrote the file.
+fn is_page(bytes: &[u8]) -> bool {
+    String::from_utf8_lossy(bytes).contains("\n.TH glasshouse")
 }
 
 /// Renders a man page without a date, so that all machines render the same bytes.

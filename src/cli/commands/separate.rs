@@ -200,7 +200,7 @@ fn separate(
 ) -> Result<(), Failure> {
     let failed = |e: anyhow::Error| Failure::new(Exit::Failed, e);
     let made = network.separator.separate(picture, tile_px as usize);
-    for (made, target) in made.map_err(|e| failed(e.into()))?.iter().zip(targets) {
+    for (made, target) in made?.iter().zip(targets) {
         let mut png = Cursor::new(Vec::new());
         made.write_to(&mut png, ImageFormat::Png).map_err(|e| failed(e.into()))?;
         atomic_file::write(target, png.get_ref())?;
