@@ -19,6 +19,7 @@ pub use commands::Args;
 pub use exit_code::Exit;
 
 use clap::Parser;
+use exit_code::Failure;
 use output::Output;
 use std::process::ExitCode;
 
@@ -29,7 +30,10 @@ pub fn main() -> ExitCode {
         Err(error) => {
             // Help and version go to stdout and are not errors.
             let code = if error.use_stderr() { Exit::Usage } else { Exit::Done };
-            let _ = error.print();
+            let printed = error.print();
+            if code == Exit::Done {
+                output::note_written(printed);
+            }
             // The parser has failed, so search for --json directly.
             let json = std::env::args_os()
                 .take_while(|argument| argument != "--")
@@ -37,14 +41,18 @@ pub fn main() -> ExitCode {
             if json && code == Exit::Usage {
                 output::usage_json(&error.to_string());
             }
-            return code.into();
+            return finish(Ok(code), &Output::plain());
         }
     };
     let output = Output::new(&args.global);
     // The stores' HTTP client has no TLS provider of its own; without a default, the first connection panics.
     let _ = rustls::crypto::ring::default_provider().install_default();
-    let result = args.run(&output);
-    match result {
+    finish(args.run(&output), &output)
+}
+
+/// Reports a failure, including an answer that could not be written, and returns the exit code.
+fn finish(result: Result<Exit, Failure>, output: &Output) -> ExitCode {
+    match result.and_then(|exit| output::check_stdout().map(|()| exit)) {
         Ok(exit) => exit.into(),
         Err(failure) => {
             output.error(&failure);

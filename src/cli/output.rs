@@ -1,21 +1,50 @@
 //! Prints results to stdout and messages to stderr.
 
 use super::args::{ColorWhen, Global};
-use super::exit_code::{Exit, Failure};
+use super::exit_code::{Exit, Failure, failure};
 use render::ids::SceneId;
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
 use std::fmt::Display;
-use std::io::{IsTerminal, Write};
+use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::sync::OnceLock;
 
 /// Schema of the error object that --json prints.
 const ERROR_SCHEMA: &str = "glasshouse.error/1";
+
+/// First failure to write to stdout.
+static LOST: OnceLock<io::Error> = OnceLock::new();
+
+/// Writes to stdout. [`check_stdout`] reports an error.
+fn write_stdout(text: &str) {
+    note_written(writeln!(io::stdout().lock(), "{text}"));
+}
+
+/// Flushes stdout after a write, and keeps an error for [`check_stdout`]. Ignores a closed pipe, because its reader has
+/// what it needs.
+pub(super) fn note_written(written: io::Result<()>) {
+    if let Err(error) = written.and_then(|()| io::stdout().flush())
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        let _ = LOST.set(error);
+    }
+}
+
+/// Returns the failure if a part of the answer could not be written to stdout.
+pub(super) fn check_stdout() -> Result<(), Failure> {
+    LOST.get().map_or(Ok(()), |error| {
+        Err(failure!(
+            Exit::Failed,
+            "the answer is incomplete: cannot write to standard output: {error}; what the command wrote to files is there"
+        ))
+    })
+}
 
 /// Prints the error object for an invalid command line.
 pub(super) fn usage_json(error: &str) {
     let object =
         json!({ "schema": ERROR_SCHEMA, "error": error.trim_end(), "exit": Exit::Usage.code() });
-    let _ = writeln!(std::io::stdout().lock(), "{object}");
+    write_stdout(&object.to_string());
 }
 
 /// Serializes scenes with reasons as objects `{scene, reason}`.
@@ -44,7 +73,7 @@ fn print_object(schema: &str, object: Value) {
     if let (Value::Object(full), Value::Object(object)) = (&mut full, object) {
         full.extend(object);
     }
-    let _ = writeln!(std::io::stdout().lock(), "{full}");
+    write_stdout(&full.to_string());
 }
 
 pub(super) struct Output {
@@ -66,8 +95,12 @@ impl Output {
         Self { json: global.json, quiet: global.quiet, verbose: global.verbose, color }
     }
 
-    /// Prints the command's result: with --json an object that begins with its schema, else a text. Ignores a closed
-    /// pipe.
+    /// Returns the output of a command line that cannot be parsed.
+    pub(super) fn plain() -> Self {
+        Self { json: false, quiet: false, verbose: false, color: false }
+    }
+
+    /// Prints the command's result: with --json an object that begins with its schema, else a text.
     pub(super) fn show(&self, schema: &str, result: &(impl Serialize + Display)) {
         if self.json {
             print_object(schema, serde_json::to_value(result).unwrap_or_default());
@@ -88,7 +121,7 @@ impl Output {
     /// Prints a result, or a line of it, as plain text.
     #[allow(clippy::unused_self, reason = "printing needs an output")]
     pub(super) fn text(&self, text: &str) {
-        let _ = writeln!(std::io::stdout().lock(), "{text}");
+        write_stdout(text);
     }
 
     /// Prints a note, unless --quiet is given.

@@ -1,6 +1,6 @@
 //! Every command's help ends with examples, and every example works.
 
-use crate::support::program::run;
+use crate::support::program::{Ended, command, run};
 use crate::support::workplace::{run_in, workplace};
 use clap::{CommandFactory, Parser};
 use glasshouse::cli::Args;
@@ -145,6 +145,28 @@ fn examples_work() {
         assert!(!ended.stdout.is_empty(), "glasshouse {line} prints nothing");
         if line.contains("--json") {
             ended.json();
+        }
+    });
+}
+
+#[test]
+fn an_answer_lost_on_a_full_disk_is_a_failure() {
+    let folder = workplace();
+    let mut lines: Vec<String> = commands().iter().map(|name| format!("{name} --help")).collect();
+    lines.push("--version".to_owned());
+    let is_run = |line: &String| !NOT_RUN.iter().any(|(o, how, _)| o == line && *how == Parsed);
+    let dry = |line: &String| [format!("{line} -n"), format!("{line} -n --json")];
+    lines.extend(all_examples().iter().filter(|line| is_run(line)).flat_map(dry));
+    lines.into_par_iter().for_each(|line| {
+        let arguments = words(&line, folder.path());
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        let mut command = command(&arguments);
+        let ended: Ended = command.current_dir(folder.path()).stdout(full).output().unwrap().into();
+        // The second of two --json is refused before the answer.
+        if ended.code != Some(2) {
+            assert_eq!(ended.code, Some(1), "glasshouse {line}: {ended:#?}");
+            ended.says(&["the answer is incomplete", "No space left"]);
         }
     });
 }
