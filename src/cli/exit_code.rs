@@ -119,7 +119,7 @@ exit_codes! {
         Missing | Manifest | Root => InvalidInput,
         Spec | Disagrees => Disagrees,
         Busy => TryAgain,
-        Read => Failed,
+        Changed | Read => Failed,
     }
     crate::run::AccessError {
         (Run | Store) => its_own,
@@ -157,7 +157,7 @@ exit_codes! {
         Unfinished | Busy => TryAgain,
         Nothing => InvalidInput,
         Foreign => Disagrees,
-        Write | Read | Damaged | Encode => Failed,
+        Moved | Write | Read | Damaged | Encode => Failed,
     }
     crate::outputs::OutputsError {
         (Write) => its_own,
@@ -253,6 +253,7 @@ impl From<train::TrainError> for Failure {
             | E::Checkpoint(C::Damaged { .. })
             | E::Example(X::Unusable { .. } | X::None(_)) => Exit::InvalidInput,
             E::Lock { .. }
+            | E::Moved { .. }
             | E::Example(_)
             | E::Checkpoint(_)
             | E::Write(_)

@@ -37,6 +37,11 @@ pub enum ExportError {
     Encode { name: String, reason: String },
     #[error("{} {reason}; export into a new folder, or remove this one", out.display())]
     Foreign { out: PathBuf, reason: String },
+    #[error(
+        "the folder {} was deleted, moved or replaced during the export: put it back if it was moved, and export again",
+        out.display()
+    )]
+    Moved { out: PathBuf },
     #[error("another process is exporting into {}; wait for it, or stop it", out.display())]
     Busy { out: PathBuf },
 }

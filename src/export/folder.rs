@@ -3,7 +3,8 @@
 use super::error::{ExportError, unreadable};
 use super::request::{ExportRequest, REQUEST_FILE};
 use render::atomic_file::{self, is_temporary};
-use std::fs::{File, TryLockError};
+use render::folder_lock::FolderLock;
+use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
@@ -118,7 +119,7 @@ fn lost(out: &Path) -> Result<Option<String>, ExportError> {
 /// The exported folder, locked by this process.
 pub(super) struct ExportFolder {
     root: PathBuf,
-    _lock: File,
+    lock: FolderLock,
 }
 
 impl ExportFolder {
@@ -127,18 +128,19 @@ impl ExportFolder {
         let state = root.join(STATE_FOLDER);
         atomic_file::create_dir(&state)?;
         let path = state.join("lock");
-        let lock =
-            File::options().create(true).append(true).open(&path).map_err(unreadable(&path))?;
-        match lock.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err(ExportError::Busy { out: root.to_owned() });
-            }
-            Err(TryLockError::Error(source)) => return Err(unreadable(&path)(source)),
-        }
+        let lock = FolderLock::try_new(&path).map_err(unreadable(&path))?;
+        let lock = lock.ok_or_else(|| ExportError::Busy { out: root.to_owned() })?;
         // Two levels include SPLIT/LAYER/.
         atomic_file::sweep(root, 2, &is_temporary);
-        Ok(Self { root: root.to_owned(), _lock: lock })
+        Ok(Self { root: root.to_owned(), lock })
+    }
+
+    /// Fails if the folder was deleted, moved or replaced since it was locked.
+    fn check(&self) -> Result<(), ExportError> {
+        if self.lock.is_in_place() {
+            return Ok(());
+        }
+        Err(ExportError::Moved { out: self.root.clone() })
     }
 
     pub(super) fn path(&self, name: &str) -> PathBuf {
@@ -151,6 +153,7 @@ impl ExportFolder {
 
     /// Removes the records of parts after the export is complete.
     pub(super) fn forget_state(&self) -> Result<(), ExportError> {
+        self.check()?;
         let state = self.path(STATE_FOLDER);
         match std::fs::remove_dir_all(&state) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(unreadable(&state)(e)),

@@ -32,7 +32,7 @@ pub fn merge_run(
 ) -> Result<MergeOutcome, FarmError> {
     // A dry run writes nothing, not even the lock file. A store elsewhere needs no lock, because merging overwrites
     // only noise maps in it.
-    let _lock = if dry_run || elsewhere.is_some() {
+    let lock = if dry_run || elsewhere.is_some() {
         None
     } else {
         let lock = run.lock()?;
@@ -93,6 +93,11 @@ pub fn merge_run(
             Err(error) => outcome.refused.push((line.id.clone(), error.to_string())),
         }
     }
+    if let Some(lock) = &lock {
+        run.check_lock(lock)?;
+        run.check_unchanged()?;
+    }
+    store.check_place()?;
     Ok(outcome)
 }
 

@@ -27,6 +27,9 @@ pub enum RunError {
     /// A root of the spec is unusable.
     #[error(transparent)]
     Root(#[from] RootError),
+    /// A file of the run was changed or removed while this process worked on the run.
+    #[error("{} was changed, moved or removed during the command: its results are incomplete; put the file back and run the command again, or plan again into a new folder", path.display())]
+    Changed { path: PathBuf },
     /// Another process works on the run.
     #[error("another process is working on {}; wait for it, or stop it", root.display())]
     Busy { root: PathBuf },

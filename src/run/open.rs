@@ -3,10 +3,10 @@
 use super::error::RunError;
 use super::keys;
 use crate::store::Inputs;
+use render::folder_lock::FolderLock;
 use render::line::{Roots, SceneLine, is_url, parse_jsonl};
 use render::shard::{SPEC_SCHEMA, ShardLayout, Spec, manifest_digest};
 use render::trace::TRACER_VERSION;
-use std::fs::{File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -84,24 +84,41 @@ impl Run {
         ShardLayout::of(line, self.spec.tile_px)
     }
 
-    /// Locks the run for this process until the returned file is dropped.
-    pub fn lock(&self) -> Result<File, RunError> {
+    /// Locks the run for this process until the returned lock is dropped.
+    pub fn lock(&self) -> Result<FolderLock, RunError> {
         lock(&self.root)
+    }
+
+    /// Fails if another process may have locked the run, because the lock's file is not the one that was locked.
+    pub(crate) fn check_lock(&self, lock: &FolderLock) -> Result<(), RunError> {
+        if lock.is_in_place() {
+            return Ok(());
+        }
+        Err(RunError::Changed { path: self.path(keys::LOCK) })
+    }
+
+    /// Fails if spec or manifest changed since the run was opened.
+    pub(crate) fn check_unchanged(&self) -> Result<(), RunError> {
+        let changed = |key: &str| RunError::Changed { path: self.path(key) };
+        let spec = read(&self.root, keys::SPEC).ok();
+        let spec = spec.and_then(|text| serde_json::from_str::<Spec>(&text).ok());
+        if spec.as_ref() != Some(&self.spec) {
+            return Err(changed(keys::SPEC));
+        }
+        let manifest = read(&self.root, keys::MANIFEST).ok();
+        if manifest.is_none_or(|text| manifest_digest(&text) != self.spec.manifest_blake3) {
+            return Err(changed(keys::MANIFEST));
+        }
+        Ok(())
     }
 }
 
-/// Locks a run's folder for this process until the returned file is dropped.
-pub(super) fn lock(root: &Path) -> Result<File, RunError> {
+/// Locks a run's folder for this process until the returned lock is dropped.
+pub(super) fn lock(root: &Path) -> Result<FolderLock, RunError> {
     let path = root.join(keys::LOCK);
-    let file = File::options()
-        .create(true)
-        .append(true)
-        .open(&path)
-        .map_err(|source| RunError::Read { path: path.clone(), source })?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(RunError::Busy { root: root.to_owned() }),
-        Err(TryLockError::Error(source)) => Err(RunError::Read { path, source }),
+    match FolderLock::try_new(&path) {
+        Ok(lock) => lock.ok_or_else(|| RunError::Busy { root: root.to_owned() }),
+        Err(source) => Err(RunError::Read { path, source }),
     }
 }
 

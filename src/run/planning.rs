@@ -143,7 +143,7 @@ pub(crate) fn plan_run(
     let is_whole = existing.is_some() && drafted.to_make.iter().all(|made| made.is_written(out));
     if !options.dry_run && !is_whole {
         atomic_file::create_dir(out)?;
-        let _lock = lock(out)?;
+        let lock = lock(out)?;
         if existing.is_none() && out.join(keys::SPEC).exists() {
             // Another process planned the run since the check above; its plan may be of another recipe.
             return Err(RunError::Busy { root: out.to_owned() }.into());
@@ -152,6 +152,9 @@ pub(crate) fn plan_run(
         make_photographs(out, &drafted.to_make, options.threads, &on_photograph)?;
         if existing.is_none() {
             write_plan(out, &drafted, &manifest, &spec)?;
+        }
+        if !lock.is_in_place() {
+            return Err(RunError::Changed { path: out.join(keys::LOCK) }.into());
         }
     }
     Ok(Planned { spec, drafted, existed: existing.is_some() })

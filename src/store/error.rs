@@ -26,6 +26,12 @@ pub enum StoreError {
         /// True if a later call may succeed: the store was unavailable or busy, and not full, forbidden or absent.
         passing: bool,
     },
+    /// The folder is not the one that was opened.
+    #[error(
+        "the folder {store} was deleted, moved or replaced during the command: its results are incomplete; put the folder \
+         back if it was moved, and run the command again"
+    )]
+    Gone { store: String },
     /// Another process put other bytes under this key.
     #[error(
         "{key} in {store} holds other bytes ({there}) than this process made ({here}): two machines computed different \

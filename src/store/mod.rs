@@ -8,6 +8,7 @@ mod error;
 mod inputs;
 mod open;
 mod patience;
+mod place;
 mod times;
 
 pub use cache::Cache;
@@ -21,7 +22,8 @@ use futures_util::{StreamExt, TryStreamExt};
 use object_store::path::Path as Key;
 use object_store::{ObjectStore, ObjectStoreExt, PutMode, PutPayload};
 use patience::{Tries, with_patience};
-use std::path::{Path, PathBuf};
+use place::Place;
+use std::path::Path;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 use tokio::runtime::Runtime;
@@ -48,7 +50,7 @@ pub struct Store {
     prefix: Key,
     /// Address of the store, for messages.
     name: String,
-    local: Option<PathBuf>,
+    local: Option<Arc<Place>>,
     /// Time for which a failed call is repeated.
     patience: Duration,
 }
@@ -88,7 +90,16 @@ impl Store {
 
     /// Returns the store's folder, if it is on a local disk.
     pub fn local_root(&self) -> Option<&Path> {
-        self.local.as_deref()
+        self.local.as_ref().map(|place| place.path.as_path())
+    }
+
+    /// Fails if the store's folder was deleted, moved or replaced since the store was opened. Every call checks this
+    /// first, because it would create the folder again, or read another one.
+    pub(crate) fn check_place(&self) -> Result<(), StoreError> {
+        match &self.local {
+            Some(place) if !place.is_same() => Err(StoreError::Gone { store: self.name.clone() }),
+            _ => Ok(()),
+        }
     }
 
     /// True if the store is a folder, where reading is cheap.
@@ -106,6 +117,9 @@ impl Store {
     }
 
     fn failed(&self, what: &'static str, key: &str, error: &object_store::Error) -> StoreError {
+        if let Err(gone) = self.check_place() {
+            return gone;
+        }
         StoreError::Call {
             what,
             key: key.to_owned(),
@@ -139,6 +153,7 @@ impl Store {
 
     async fn create_async(&self, key: &str, bytes: Bytes) -> Result<Put, StoreError> {
         use object_store::Error as E;
+        self.check_place()?;
         let path = self.key(key);
         let mut tries = Tries::new(self.patience);
         let mut cleared_away = 0;
@@ -189,6 +204,7 @@ impl Store {
 
     /// Puts an object that may change, such as a record, and replaces an existing one. Results need [`Self::create`].
     pub fn replace(&self, key: &str, bytes: &[u8]) -> Result<(), StoreError> {
+        self.check_place()?;
         let (path, payload) = (self.key(key), PutPayload::from(bytes.to_vec()));
         RUNTIME
             .block_on(with_patience(self.patience, || self.objects.put(&path, payload.clone())))
@@ -202,6 +218,7 @@ impl Store {
     }
 
     async fn get_async(&self, key: &str) -> Result<Option<Bytes>, StoreError> {
+        self.check_place()?;
         let path = self.key(key);
         let get = || async { self.objects.get(&path).await?.bytes().await };
         match with_patience(self.patience, get).await {
@@ -241,7 +258,8 @@ impl Store {
 
     /// True if all of these files are in `folder`.
     pub(crate) fn has_files(&self, folder: &str, files: &[String]) -> Result<bool, StoreError> {
-        if let Some(root) = &self.local {
+        self.check_place()?;
+        if let Some(root) = self.local_root() {
             let folder = root.join(folder);
             return Ok(files.iter().all(|file| folder.join(file).is_file()));
         }
@@ -252,7 +270,8 @@ impl Store {
 
     /// Removes all objects below `folder`. On a disk, also removes the folder itself, and ignores errors.
     pub(crate) fn remove_folder(&self, folder: &str) -> Result<(), StoreError> {
-        if let Some(root) = &self.local {
+        self.check_place()?;
+        if let Some(root) = self.local_root() {
             let _ = std::fs::remove_dir_all(root.join(folder));
             return Ok(());
         }
@@ -267,6 +286,7 @@ impl Store {
 
     /// Removes objects, in any order. Ignores absent ones.
     pub fn delete(&self, keys: &[String]) -> Result<(), StoreError> {
+        self.check_place()?;
         let paths: Vec<Key> = keys.iter().map(|key| self.key(key)).collect();
         let delete = || async {
             let paths = futures_util::stream::iter(paths.clone()).map(Ok);

@@ -1,5 +1,6 @@
 //! Opens a store at an address.
 
+use super::place::Place;
 use super::{Key, Store, StoreError};
 use object_store::local::LocalFileSystem;
 use std::path::Path;
@@ -52,7 +53,7 @@ impl Store {
             objects: Arc::new(objects),
             prefix: Key::default(),
             name: path.display().to_string(),
-            local: Some(path.to_owned()),
+            local: Some(Arc::new(Place::open(path).map_err(|e| invalid(e.to_string()))?)),
             patience: options.patience,
         })
     }

@@ -8,6 +8,7 @@ use std::time::SystemTime;
 impl Store {
     /// Works like [`Self::list`], and adds the time of each object's last put by the store's clock.
     pub fn list_times(&self, folder: &str) -> Result<Vec<(String, SystemTime)>, StoreError> {
+        self.check_place()?;
         let prefix = self.key(folder);
         let skip = self.prefix.as_ref().len() + usize::from(!self.prefix.as_ref().is_empty());
         let list = || {

@@ -11,6 +11,11 @@ use std::path::PathBuf;
 pub enum TrainError {
     #[error("another process is training in {}; wait for it, or stop it", folder.display())]
     Busy { folder: PathBuf },
+    #[error(
+        "the folder {} was deleted, moved or replaced during training: put it back if it was moved, and train again",
+        folder.display()
+    )]
+    Moved { folder: PathBuf },
     #[error("cannot lock {}: {source}", path.display())]
     Lock { path: PathBuf, source: std::io::Error },
     #[error(

@@ -9,9 +9,9 @@ use super::vgg::Vgg;
 use candle_core::Device;
 use compose::Pair;
 use plan::{Stage, TrainSettings};
+use render::folder_lock::FolderLock;
 use render::line::SceneLine;
 use render::shard::scene_digest;
-use std::fs::{File, TryLockError};
 use std::path::Path;
 
 /// Settings of the architecture, which the separation stage inherits from the backtrack stage.
@@ -25,19 +25,13 @@ pub(super) struct Beginning {
     before: Option<Checkpoint>,
 }
 
-/// Locks a stage's folder until the returned file is dropped.
-pub(super) fn lock(folder: &Path) -> Result<File, TrainError> {
+/// Locks a stage's folder until the returned lock is dropped.
+pub(super) fn lock(folder: &Path) -> Result<FolderLock, TrainError> {
     render::atomic_file::create_dir(folder)?;
     let path = folder.join("train.lock");
-    let opened = File::options().create(true).append(true).open(&path);
-    let file = match opened {
-        Ok(file) => file,
-        Err(source) => return Err(TrainError::Lock { path, source }),
-    };
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(TrainError::Busy { folder: folder.to_owned() }),
-        Err(TryLockError::Error(source)) => Err(TrainError::Lock { path, source }),
+    match FolderLock::try_new(&path) {
+        Ok(lock) => lock.ok_or_else(|| TrainError::Busy { folder: folder.to_owned() }),
+        Err(source) => Err(TrainError::Lock { path, source }),
     }
 }
 

@@ -125,7 +125,7 @@ pub fn run(
 ) -> Result<TrainSummary, TrainError> {
     let stage = training.stage;
     let folder = stage_folder(&training.run, stage);
-    let _lock = if training.dry_run { None } else { Some(lock(&folder)?) };
+    let lock = if training.dry_run { None } else { Some(lock(&folder)?) };
     let beginning = Beginning::find(&training.run, stage, &training.device, watcher);
     let settings = beginning.settings(&training)?;
     let features = load_features(&training, &settings, watcher)?;
@@ -185,6 +185,9 @@ pub fn run(
     watcher.begins(steps, settings.batch);
     let clock = Instant::now();
     let trained = session.run(&mut loader, &schedule, watcher, stop)?;
+    if lock.is_some_and(|lock| !lock.is_in_place()) {
+        return Err(TrainError::Moved { folder });
+    }
     let images = trained.taken as f64 * settings.batch as f64;
     summary.pace = Some(Pace {
         wall_s: clock.elapsed().as_secs_f64(),

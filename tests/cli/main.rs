@@ -11,6 +11,7 @@ mod completions;
 mod doctor;
 mod help;
 mod json;
+mod moved;
 mod overwrite;
 mod signals;
 #[path = "../support/mod.rs"]

@@ -27,6 +27,9 @@ impl Worker<'_> {
         let every = self.store.poll_interval();
         while ended.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
             self.poll_control(&mut poll);
+            if let Err(error) = self.store.check_place() {
+                self.stop.break_down(error.into());
+            }
         }
     }
 }

@@ -14,8 +14,8 @@ use crate::farm::FarmError;
 use crate::farm::queue::{LocalQueue, Message, Queue, QueueKeeper};
 use crate::farm::sweep::sweep;
 use crate::run::{
-    AccessError, ControlPoll, Event, LogTime, Run, Scope, Snapshot, Task, WORK_LOG_SCHEMA, WorkLog,
-    keys,
+    AccessError, ControlPoll, Event, LogTime, Run, RunError, Scope, Snapshot, Task,
+    WORK_LOG_SCHEMA, WorkLog, keys,
 };
 use crate::store::Store;
 use crossbeam::channel::bounded;
@@ -35,7 +35,7 @@ pub fn work(
     options: &WorkOptions,
     on_event: &(dyn Fn(Event) + Sync),
 ) -> Result<Outcome, FarmError> {
-    let _lock = run.lock()?;
+    let lock = run.lock()?;
     check_golden(run, options)?;
     sweep(run);
     let store = Store::local(run.root())?;
@@ -69,6 +69,15 @@ pub fn work(
     let before = (0..run.lines.len()).filter_map(reason);
     outcome.quarantined.extend(before);
     outcome.quarantined.sort();
+    store.check_place()?;
+    run.check_lock(&lock)?;
+    run.check_unchanged()?;
+    if outcome.stopped.is_none()
+        && let Some(scene) = Snapshot::take(run, &store, Scope::DONE)?.missing().next()
+    {
+        let path = run.path(&keys::tuple_folder(&run.lines[scene].id));
+        return Err(RunError::Changed { path }.into());
+    }
     Ok(outcome)
 }
 
