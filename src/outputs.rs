@@ -100,7 +100,7 @@ impl Outputs<'_> {
 
     /// Returns the files that earlier calls of the command wrote.
     fn own(&self) -> BTreeSet<String> {
-        let text = std::fs::read(self.folder.join(WRITTEN_FILE)).unwrap_or_default();
+        let text = render::input_file::read(&self.folder.join(WRITTEN_FILE)).unwrap_or_default();
         let lines = text.split(|&byte| byte == b'\n');
         let written = lines.filter_map(|line| serde_json::from_slice::<Written>(line).ok());
         let own = written.filter(|line| line.command == self.command);
@@ -115,7 +115,7 @@ pub(crate) fn check_file(
     is_own: &dyn Fn(&[u8]) -> bool,
 ) -> Result<(), OutputsError> {
     check_place(path)?;
-    match std::fs::read(path) {
+    match render::input_file::read(path) {
         Ok(bytes) if is_own(&bytes) => Ok(()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
         _ => Err(OutputsError::Foreign { path: path.to_owned(), command, is_tuple: false }),

@@ -34,6 +34,9 @@ pub(super) struct Global {
     /// Form of the progress messages
     #[arg(long, global = true, value_enum, default_value = "auto", value_name = "HOW")]
     pub(super) progress: ProgressHow,
+    /// Time without progress after which a read of a file, or a scene, counts as hung; the command then exits with 1
+    #[arg(long, global = true, value_name = "S", default_value = "120", value_parser = parse_duration)]
+    pub(super) hang_s: Duration,
     /// Instruction set of the tracer's kernels; all give the same bits
     #[arg(long, global = true, value_enum, default_value = "auto", hide = true)]
     pub(super) isa: IsaChoice,

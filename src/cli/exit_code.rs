@@ -146,6 +146,7 @@ exit_codes! {
     }
     crate::farm::FarmError {
         (Access) => its_own,
+        NoInputs => InvalidInput,
         Queue | Sandbox => Failed,
     }
     crate::farm::queue::QueueError {
@@ -229,7 +230,7 @@ impl From<compose::EvaluateError> for Failure {
         use compose::EvaluateError as E;
         match error {
             E::Subject(error) | E::Method(error) => from_boxed(error),
-            error => Self::new(Exit::Failed, error),
+            error => Self::new(Exit::InvalidInput, error),
         }
     }
 }

@@ -14,6 +14,7 @@ mod signals;
 mod status_text;
 mod store_env;
 mod target;
+mod watchdog;
 
 pub use commands::Args;
 pub use exit_code::Exit;
@@ -47,6 +48,7 @@ pub fn main() -> ExitCode {
     let output = Output::new(&args.global);
     // The stores' HTTP client has no TLS provider of its own; without a default, the first connection panics.
     let _ = rustls::crypto::ring::default_provider().install_default();
+    watchdog::start(args.global.hang_s, Output::new(&args.global));
     finish(args.run(&output), &output)
 }
 

@@ -2,10 +2,20 @@
 
 use super::exit_code::Exit;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
+
+/// The flags of the first [`Signals`].
+static FIRST: OnceLock<Signals> = OnceLock::new();
+
+/// Returns the exit code for the last signal, if the program catches signals and has caught one.
+pub(super) fn caught() -> Option<Exit> {
+    let signals = FIRST.get().filter(|signals| signals.stop.load(Ordering::Relaxed));
+    signals.map(Signals::exit)
+}
 
 /// Flags that record the signals caught so far.
+#[derive(Clone)]
 pub(super) struct Signals {
     stop: Arc<AtomicBool>,
     which: Arc<AtomicUsize>,
@@ -26,7 +36,9 @@ impl Signals {
             let _ = signal_hook::flag::register_usize(signal, Arc::clone(&which), signal as usize);
             let _ = signal_hook::flag::register(signal, Arc::clone(&stop));
         }
-        Self { stop, which }
+        let signals = Self { stop, which };
+        let _ = FIRST.set(signals.clone());
+        signals
     }
 
     /// Returns the flag that the first signal sets.

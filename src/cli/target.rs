@@ -48,7 +48,8 @@ pub(super) fn fetch(folder: &Path, store: &Store) -> Result<(), Failure> {
 
 /// Checks that the store belongs to this run. A store without a spec passes, because it is still empty.
 fn check(run: &Run, store: &Store) -> Result<(), Failure> {
-    let (Some(there), Ok(here)) = (store.get(keys::SPEC)?, std::fs::read(run.path(keys::SPEC)))
+    let (Some(there), Ok(here)) =
+        (store.get(keys::SPEC)?, render::input_file::read(&run.path(keys::SPEC)))
     else {
         return Ok(());
     };

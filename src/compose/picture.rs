@@ -8,7 +8,6 @@ use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageError, RgbImage};
 use render::formats::jpeg_is_whole;
 use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
-use std::fs;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -17,8 +16,8 @@ const JPEG_MAGIC: [u8; 2] = [0xff, 0xd8];
 
 /// Reads a PNG or JPEG file; the ending of its name does not matter. See [`decode_picture`].
 pub fn read_picture(path: &Path) -> Result<RgbImage, EvaluateError> {
-    let bytes =
-        fs::read(path).map_err(|source| EvaluateError::Read { path: path.to_owned(), source })?;
+    let bytes = render::input_file::read(path)
+        .map_err(|source| EvaluateError::Read { path: path.to_owned(), source })?;
     decode_picture(path, &bytes)
 }
 

@@ -41,7 +41,7 @@ pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportEr
         };
     }
     let path = out.join(REQUEST_FILE);
-    let text = std::fs::read(&path).map_err(unreadable(&path))?;
+    let text = render::input_file::read(&path).map_err(unreadable(&path))?;
     let there: ExportRequest = serde_json::from_slice(&text)
         .map_err(|e| foreign(format!("has a damaged {REQUEST_FILE}: {e}")))?;
     let diff = there.diff(request);

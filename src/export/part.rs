@@ -39,7 +39,7 @@ impl PartRecord {
     ) -> Result<Option<Self>, ExportError> {
         let name = record_name(split, number);
         let path = folder.path(&name);
-        let bytes = match std::fs::read(&path) {
+        let bytes = match render::input_file::read(&path) {
             Ok(bytes) => bytes,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(e) => return Err(unreadable(&path)(e)),

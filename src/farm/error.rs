@@ -11,6 +11,11 @@ pub enum FarmError {
     Access(#[from] AccessError),
     #[error(transparent)]
     Queue(#[from] QueueError),
+    /// The files of no scene can be opened.
+    #[error(
+        "the files of no scene can be opened, so the run stops without a quarantine: {0}; is a disk not mounted?"
+    )]
+    NoInputs(String),
     /// The child process of a suspect task failed for a reason other than the task's scene.
     #[error("a child process could not work, which is no fault of its scene: {0}")]
     Sandbox(String),

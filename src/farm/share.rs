@@ -16,7 +16,8 @@ pub(super) fn share_run(run: &Run, store: &Store) -> Result<(), FarmError> {
     for (key, path) in
         [(keys::MANIFEST, run.path(keys::MANIFEST)), (keys::SPEC, run.path(keys::SPEC))]
     {
-        let bytes = std::fs::read(&path).map_err(|source| RunError::Read { path, source })?;
+        let bytes =
+            render::input_file::read(&path).map_err(|source| RunError::Read { path, source })?;
         store.create(key, &bytes)?;
     }
     store.delete(&[keys::FINISHED.to_owned()])?;
@@ -53,8 +54,9 @@ fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
     let there: BTreeSet<String> = store.list(keys::INPUTS)?.into_iter().collect();
     let missing: Vec<String> = wanted.difference(&there).cloned().collect();
     for keys in missing.chunks(AT_ONCE) {
-        let read =
-            |key: &String| Some((key.clone(), std::fs::read(run.root().join(key)).ok()?.into()));
+        let read = |key: &String| {
+            Some((key.clone(), render::input_file::read(&run.root().join(key)).ok()?.into()))
+        };
         store.create_all(keys.iter().filter_map(read).collect())?;
     }
     Ok(())

@@ -5,7 +5,7 @@ use super::bytes::{HEAD_BYTES, inspect_bytes};
 use super::facts::{Inspection, Problem};
 use super::input::Input;
 use super::kind::{Kind, kind_of};
-use std::fs::File;
+use render::input_file::InputFile;
 use std::io::{self, Read, Seek};
 use std::path::Path;
 
@@ -18,6 +18,7 @@ pub(super) fn inspect_file(path: &Path) -> Inspection {
         let mut found = Inspection::new(Kind::Unknown);
         let to_do = match error.kind() {
             io::ErrorKind::NotFound => "check the path: it is relative to the current folder",
+            io::ErrorKind::InvalidInput => "give a file or a folder",
             io::ErrorKind::PermissionDenied => "check its permissions",
             _ => "check the disk",
         };
@@ -28,13 +29,8 @@ pub(super) fn inspect_file(path: &Path) -> Inspection {
 
 fn read(path: &Path) -> io::Result<Inspection> {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut file = File::open(path)?;
-    let metadata = file.metadata()?;
-    if !metadata.is_file() {
-        // A pipe or a device may never end.
-        return Err(io::Error::other("it is neither a file nor a folder"));
-    }
-    let length = metadata.len();
+    let mut file = InputFile::open(path)?;
+    let length = file.len();
     let mut bytes = Vec::new();
     (&mut file).take(HEAD_BYTES as u64).read_to_end(&mut bytes)?;
     let beside = |name: &str| file_beside(path, name);
@@ -63,5 +59,5 @@ fn file_beside(path: &Path, name: &str) -> Option<Vec<u8>> {
     let path = path.parent()?.join(name);
     let is_readable = |data: &std::fs::Metadata| data.is_file() && data.len() <= MAX_WHOLE_BYTES;
     std::fs::metadata(&path).ok().filter(is_readable)?;
-    std::fs::read(path).ok()
+    render::input_file::read(&path).ok()
 }

@@ -188,7 +188,7 @@ fn say_training(found: &mut Inspection, folder: &Path) {
 /// Adds the state of a paused or cancelled run, or the damage of its `control.json`.
 fn say_control(found: &mut Inspection, folder: &Path) {
     let resume = format!("`glasshouse resume {}`", folder.display());
-    let bytes = std::fs::read(folder.join(keys::CONTROL)).ok();
+    let bytes = render::input_file::read(&folder.join(keys::CONTROL)).ok();
     match bytes.map(|bytes| Control::read(&bytes)) {
         Some(Ok(control)) if control.state != ControlState::Running => {
             let text = format!("{}{}", control.state.name(), control.because());

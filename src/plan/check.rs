@@ -7,11 +7,11 @@ use super::inputs::{InputFiles, StoreUnavailable};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use render::formats::NamedBytes;
 use render::ids::SceneId;
+use render::input_file::{InputFile, MAX_FILE_BYTES};
 use render::line::{Roots, SceneLine, Side, is_url};
 use render::scene::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
-use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -62,6 +62,8 @@ enum Checked {
         size: Option<[usize; 2]>,
     },
     Wrong(String),
+    /// A pipe, a device, or a file that is too large: probably a wrong path, not a damaged photograph.
+    Refused(String),
 }
 
 /// A checker of input files. It keeps the results, so that each file is read only once per role.
@@ -90,6 +92,11 @@ impl<'a> Checker<'a> {
     pub(super) fn files(&self) -> usize {
         let paths: BTreeSet<&str> = self.seen.keys().map(|(path, _)| path.as_str()).collect();
         paths.len()
+    }
+
+    /// True if a checked file is a pipe, a device, or too large.
+    pub(super) fn has_refused(&self) -> bool {
+        self.seen.values().any(|seen| matches!(seen, Checked::Refused(_)))
     }
 
     /// Returns the total size of the checked and usable files of the scenes, bytes.
@@ -172,7 +179,8 @@ impl<'a> Checker<'a> {
         let mut problems = Vec::new();
         for side in [&line.front, &line.back] {
             for (path, role) in roles(side) {
-                if let Some(Checked::Wrong(problem)) = seen(path, role) {
+                if let Some(Checked::Wrong(problem) | Checked::Refused(problem)) = seen(path, role)
+                {
                     problems.push((path, problem.clone()));
                 }
             }
@@ -225,6 +233,10 @@ fn check_file(
         Err(error) => return unreadable(error, inputs),
     };
     let bytes = ends.length;
+    if bytes > MAX_FILE_BYTES {
+        let problem = format!("it has {bytes} bytes, and at most {MAX_FILE_BYTES} are read");
+        return Ok(Checked::Refused(problem));
+    }
     let seen = match look(role, &ends) {
         Ok(Look::Sound(size)) => Ok(size),
         Ok(Look::Unsure) => match inputs.read(path) {
@@ -243,7 +255,11 @@ fn check_file(
 fn unreadable(error: io::Error, inputs: &dyn InputFiles) -> Result<Checked, StoreUnavailable> {
     match inputs.store_failure(error) {
         Ok(error) => Err(error),
-        Err(error) => Ok(Checked::Wrong(format!("it cannot be read: {error}"))),
+        Err(error) => {
+            let problem = format!("it cannot be read: {error}");
+            let is_refused = error.kind() == io::ErrorKind::InvalidInput;
+            Ok(if is_refused { Checked::Refused(problem) } else { Checked::Wrong(problem) })
+        }
     }
 }
 
@@ -257,12 +273,8 @@ fn ends(path: &Path, inputs: &dyn InputFiles) -> io::Result<FileEnds> {
         let (start, length) = inputs.read_start(path, START_BYTES)?;
         return Ok(FileEnds { start: named(start), end: None, length });
     }
-    let mut file = File::open(path)?;
-    let metadata = file.metadata()?;
-    if !metadata.is_file() {
-        return Err(io::Error::other("it is not a file"));
-    }
-    let length = metadata.len();
+    let mut file = InputFile::open(path)?;
+    let length = file.len();
     let mut start = Vec::with_capacity(START_BYTES.min(length as usize));
     Read::by_ref(&mut file).take(START_BYTES as u64).read_to_end(&mut start)?;
     let mut end = Vec::new();

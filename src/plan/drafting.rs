@@ -87,7 +87,7 @@ pub fn draft(
 }
 
 fn read(source: &Path, request: &Request) -> Result<Content, DraftError> {
-    let text = std::fs::read_to_string(source)
+    let text = render::input_file::read_to_string(source)
         .map_err(|e| DraftError::Read { path: source.to_owned(), source: e })?;
     match source.extension().and_then(|e| e.to_str()) {
         Some("toml") => content::from_recipe(source, &text, request),
@@ -108,7 +108,7 @@ fn choose(
     invalid: &mut Vec<InvalidInput>,
 ) -> Result<Result<Draft, Option<String>>, DraftError> {
     // Photographs of a recipe have substitutes. Scenes of a manifest have none: a scene with invalid files stays in the
-    // plan, and a worker quarantines it.
+    // plan, and a worker quarantines it. A path to a pipe or a device is an error of the manifest.
     let keeps = content.is_manifest() && !request.skip_invalid;
     loop {
         let mut check = |lines: &[SceneLine]| {
@@ -137,7 +137,7 @@ fn choose(
         let is_sound = found.is_empty();
         invalid.extend(found);
         match draft {
-            Some(draft) if keeps => return Ok(Ok(draft)),
+            Some(draft) if keeps && !checker.has_refused() => return Ok(Ok(draft)),
             _ if !is_sound && !request.skip_invalid => return Ok(Err(None)),
             Some(draft) if is_sound || request.is_planned => return Ok(Ok(draft)),
             _ => left_out.extend(names),

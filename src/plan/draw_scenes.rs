@@ -40,7 +40,7 @@ pub struct RejectedScene {
 
 /// Reads `RUN/rejected.jsonl`; a missing file counts as empty. The error has the path and the reason.
 pub fn read_rejected(path: PathBuf) -> Result<Vec<RejectedScene>, (PathBuf, String)> {
-    let text = match std::fs::read_to_string(&path) {
+    let text = match render::input_file::read_to_string(&path) {
         Ok(text) => text,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err((path, error.to_string())),

@@ -29,7 +29,7 @@ pub struct LocalFiles;
 
 impl InputFiles for LocalFiles {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
-        std::fs::read(path)
+        render::input_file::read(path)
     }
 
     fn read_start(&self, url: &Path, _: usize) -> io::Result<(Vec<u8>, u64)> {

@@ -12,7 +12,6 @@ use procedural::Place;
 use render::line::DepthRange;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 /// Schema name of a table of categories.
@@ -166,7 +165,7 @@ pub(crate) fn index_places(
         path: folders.table.to_owned(),
         reason: reason.to_string(),
     };
-    let text = fs::read_to_string(folders.table).map_err(|e| table(&e))?;
+    let text = render::input_file::read_to_string(folders.table).map_err(|e| table(&e))?;
     let ranges = DepthRanges::parse(&text).map_err(|e| table(&e))?;
     let all = |folder: &Path| match list(folder) {
         Some(found) => Ok(found),

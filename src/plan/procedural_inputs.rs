@@ -93,7 +93,7 @@ impl<'a> SampleBytes<'a> {
     pub(super) fn read(&self, path: &Path) -> Option<io::Result<Vec<u8>>> {
         let &(index, kind) = self.places.get(path)?;
         if path.is_file() {
-            return Some(std::fs::read(path));
+            return Some(render::input_file::read(path));
         }
         let (one, made) = &self.photographs[index];
         let [width, height] = one.size;

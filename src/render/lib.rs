@@ -15,6 +15,7 @@ pub mod folder_lock;
 pub mod formats;
 pub mod hash;
 pub mod ids;
+pub mod input_file;
 pub mod job;
 pub mod layer;
 pub mod line;

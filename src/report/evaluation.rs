@@ -6,7 +6,6 @@ use crate::text::{csv_cells, cut};
 use maud::{Markup, html};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 /// Maximum side of a grid of pictures in the file and on the page, px.
@@ -18,21 +17,21 @@ const PICTURES_SHOWN: usize = 24;
 /// Draws the section: mean scores, a grid of pictures, and the scores of single pictures.
 pub(super) fn evaluation(run: &Path) -> Markup {
     let folder = run.join("train").join("evaluation");
-    let json = fs::read(folder.join("evaluation.json")).ok();
+    let json = render::input_file::read(&folder.join("evaluation.json")).ok();
     let json = json.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
     let Some(json) = json.filter(|json| json["rows"].is_array()) else {
         return html! { p.dim { "The run has no scores yet; " code { "glasshouse evaluate RUN" } " computes them." } };
     };
     html! {
         (scores(&json))
-        @if let Ok(png) = fs::read(folder.join("evaluation.png")) {
+        @if let Ok(png) = render::input_file::read(&folder.join("evaluation.png")) {
             (grid(
                 &png,
                 "Scored pictures: input, output of each method, truth",
                 &format!("Scored pictures, a selection at even distances: {}.", columns(&json)),
             ))
         }
-        @if let Ok(csv) = fs::read_to_string(folder.join("evaluation.csv")) { (single(&csv)) }
+        @if let Ok(csv) = render::input_file::read_to_string(&folder.join("evaluation.csv")) { (single(&csv)) }
     }
 }
 

@@ -35,7 +35,7 @@ pub(super) fn training(run: &Path) -> Markup {
 
 /// Draws the curves and the newest pictures of a stage, if it was trained.
 fn stage(folder: &Path, title: &str, columns: &str) -> Option<Markup> {
-    let csv = fs::read_to_string(folder.join("metrics.csv")).ok()?;
+    let csv = render::input_file::read_to_string(&folder.join("metrics.csv")).ok()?;
     Some(html! {
         h3 { (title) }
         div.plots.wide {
@@ -124,7 +124,7 @@ fn newest_picture(folder: &Path) -> Option<(u64, Vec<u8>)> {
     };
     let paths = entries.flatten().map(|entry| entry.path());
     let (step, path) = paths.filter_map(|path| Some((step(&path)?, path))).max()?;
-    Some((step, fs::read(path).ok()?))
+    Some((step, render::input_file::read(&path).ok()?))
 }
 
 #[cfg(test)]

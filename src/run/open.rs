@@ -124,7 +124,7 @@ pub(super) fn lock(root: &Path) -> Result<FolderLock, RunError> {
 
 fn read(root: &Path, file: &'static str) -> Result<String, RunError> {
     let path = root.join(file);
-    std::fs::read_to_string(&path).map_err(|source| match source.kind() {
+    render::input_file::read_to_string(&path).map_err(|source| match source.kind() {
         io::ErrorKind::InvalidData => RunError::Spec { path, reason: source.to_string() },
         io::ErrorKind::NotFound => RunError::Missing { root: root.to_owned(), missing: file },
         _ => RunError::Read { path, source },

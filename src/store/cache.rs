@@ -55,7 +55,7 @@ impl Cache {
     /// Returns the object if it is cached and intact. Removes an entry with a wrong URL or digest.
     pub(super) fn get(&self, url: &str) -> Option<Entry> {
         let path = self.file(url);
-        let mut bytes = std::fs::read(&path).ok()?;
+        let mut bytes = render::input_file::read(&path).ok()?;
         let end = bytes.iter().position(|b| *b == b'\n')?;
         let head: Head = serde_json::from_slice(&bytes[..end]).ok()?;
         bytes.drain(..=end);

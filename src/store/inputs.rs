@@ -42,7 +42,7 @@ impl Inputs {
     /// An absent object gives `NotFound`; other errors of a store contain a [`StoreError`].
     pub fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
         let Some((url, bucket, key)) = parts(path) else {
-            return std::fs::read(path);
+            return render::input_file::read(path);
         };
         let store = self.bucket(bucket).map_err(io::Error::other)?;
         let kept = self.cache.as_ref().and_then(|cache| cache.get(url));

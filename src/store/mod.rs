@@ -23,6 +23,7 @@ use object_store::path::Path as Key;
 use object_store::{ObjectStore, ObjectStoreExt, PutMode, PutPayload};
 use patience::{Tries, with_patience};
 use place::Place;
+use render::input_file::Call;
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
@@ -110,6 +111,11 @@ impl Store {
     /// Returns the shortest time between two reads of an object that may change. Requests to a bucket cost money.
     pub(crate) fn poll_interval(&self) -> Duration {
         Duration::from_secs(if self.is_local() { 2 } else { 5 })
+    }
+
+    /// Makes a read of a local disk visible until the returned value is dropped.
+    fn watch(&self, key: &str) -> Option<Call> {
+        self.local_root().map(|root| Call::begin(&root.join(key)))
     }
 
     fn key(&self, key: &str) -> Key {
@@ -220,7 +226,10 @@ impl Store {
     async fn get_async(&self, key: &str) -> Result<Option<Bytes>, StoreError> {
         self.check_place()?;
         let path = self.key(key);
-        let get = || async { self.objects.get(&path).await?.bytes().await };
+        let get = || async {
+            let _call = self.watch(key);
+            self.objects.get(&path).await?.bytes().await
+        };
         match with_patience(self.patience, get).await {
             Ok(bytes) => Ok(Some(bytes)),
             Err(error) if is_absent(&error) => Ok(None),

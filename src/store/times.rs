@@ -12,9 +12,11 @@ impl Store {
         let prefix = self.key(folder);
         let skip = self.prefix.as_ref().len() + usize::from(!self.prefix.as_ref().is_empty());
         let list = || {
+            let call = self.watch(folder);
             let found = self.objects.list(Some(&prefix));
             found
-                .map_ok(|meta| {
+                .map_ok(move |meta| {
+                    let _call = &call;
                     let key = meta.location.as_ref()[skip..].to_owned();
                     (key, SystemTime::from(meta.last_modified))
                 })

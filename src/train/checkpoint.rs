@@ -167,7 +167,7 @@ impl Checkpoint {
     pub fn read(path: &Path, device: &Device) -> Result<Self, CheckpointError> {
         let damaged = |reason: String| CheckpointError::Damaged { path: path.to_owned(), reason };
         let file = |name: &str| {
-            std::fs::read(path.join(name)).map_err(|e| damaged(format!("{name}: {e}")))
+            render::input_file::read(&path.join(name)).map_err(|e| damaged(format!("{name}: {e}")))
         };
         let state: CheckpointState =
             serde_json::from_slice(&file(STATE)?).map_err(|e| damaged(format!("{STATE}: {e}")))?;

@@ -2,7 +2,7 @@
 
 use super::learner::StepLosses;
 use std::fmt::Write as _;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -26,7 +26,7 @@ impl Metrics {
     pub(super) fn open(path: &Path, step: u64) -> io::Result<Self> {
         let mut text =
             format!("step,total,{},discriminator,validation_psnr_db,wall_s\n", TERMS.join(","));
-        if let Ok(old) = fs::read_to_string(path) {
+        if let Ok(old) = render::input_file::read_to_string(path) {
             for line in old.lines().skip(1) {
                 let number = line.split(',').next().and_then(|s| s.parse::<u64>().ok());
                 if number.is_some_and(|n| n <= step) {
@@ -88,7 +88,7 @@ mod tests {
             metrics.add(step, &losses(step as f32), psnr, 0.1).unwrap();
         }
         let lines = || -> Vec<String> {
-            let text = fs::read_to_string(&path).unwrap();
+            let text = std::fs::read_to_string(&path).unwrap();
             text.lines().map(str::to_owned).collect()
         };
         assert_eq!(lines().len(), 5);

@@ -82,7 +82,7 @@ pub struct Best {
 impl Best {
     /// Reads `best.json` of a stage; returns `None` if the file is missing or damaged.
     pub fn read(stage_folder: &Path) -> Option<Self> {
-        let bytes = std::fs::read(stage_folder.join("best.json")).ok()?;
+        let bytes = render::input_file::read(&stage_folder.join("best.json")).ok()?;
         serde_json::from_slice(&bytes).ok()
     }
 }

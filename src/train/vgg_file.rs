@@ -43,7 +43,7 @@ impl Features {
             }
             FeatureSource::File => {
                 let path = file.ok_or(FeaturesError::NoFile)?;
-                let bytes = std::fs::read(path)
+                let bytes = render::input_file::read(path)
                     .map_err(|source| FeaturesError::Read { path: path.to_owned(), source })?;
                 let vgg = weights(path, &bytes)
                     .map_err(VggError::from)

@@ -13,6 +13,7 @@ mod help;
 mod json;
 mod moved;
 mod overwrite;
+mod reads;
 mod signals;
 #[path = "../support/mod.rs"]
 mod support;

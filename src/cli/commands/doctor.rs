@@ -118,7 +118,7 @@ impl fmt::Display for Found {
 
 /// Returns the golden shard of a readable spec and, for an existing run, a finding on whether the run is usable.
 fn planned(folder: &Path) -> (Option<Golden>, Option<Finding>) {
-    let spec = std::fs::read(folder.join(keys::SPEC)).ok();
+    let spec = render::input_file::read(&folder.join(keys::SPEC)).ok();
     let golden =
         spec.and_then(|bytes| serde_json::from_slice::<Spec>(&bytes).ok()).map(|spec| spec.golden);
     let to_do = format!("`glasshouse inspect {}` has details", folder.display());

@@ -84,7 +84,7 @@ pub(super) fn plan_with(
 
 /// Writes the recipe's `[train]` table, if it has one, into the run's folder, for training.
 fn keep_training(args: &PlanArgs) -> Result<(), Failure> {
-    let text = std::fs::read_to_string(&args.recipe).unwrap_or_default();
+    let text = render::input_file::read_to_string(&args.recipe).unwrap_or_default();
     // A file that is not a recipe is a list of scenes and has no `[train]` table.
     let Some(train) = Recipe::parse(&text).ok().and_then(|recipe| recipe.train) else {
         return Ok(());

@@ -125,7 +125,7 @@ fn describe(args: &RenderArgs) -> String {
 /// that contains the tuple.
 fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
     let invalid = |e: anyhow::Error| Failure::new(Exit::InvalidInput, e.context(describe(args)));
-    let text = std::fs::read_to_string(&args.scene).map_err(|e| {
+    let text = render::input_file::read_to_string(&args.scene).map_err(|e| {
         failure!(Exit::InvalidInput, "cannot read {}: {e}; check the path", args.scene.display())
     })?;
     let given = Roots::parse(&args.roots.roots)?;

@@ -91,6 +91,7 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
     let exit = match (stopped, failed.is_empty()) {
         (true, _) => signals.exit(),
         (false, true) => Exit::Done,
+        (false, false) if images.is_empty() => Exit::InvalidInput,
         (false, false) => Exit::Incomplete,
     };
     let separated = Separated {

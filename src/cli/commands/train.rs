@@ -288,7 +288,7 @@ pub(super) fn train(
 /// Reads the recipe's `[train]` table from the run's folder, if the recipe has one.
 pub(super) fn train_recipe(run: &Path) -> Result<Option<TrainRecipe>, Failure> {
     let path = run.join(TRAIN_RECIPE);
-    let Ok(bytes) = std::fs::read(&path) else {
+    let Ok(bytes) = render::input_file::read(&path) else {
         return Ok(None);
     };
     let recipe = serde_json::from_slice(&bytes).map_err(|e| {

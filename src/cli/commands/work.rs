@@ -11,6 +11,7 @@ use crate::cli::progress::Progress;
 use crate::cli::queue;
 use crate::cli::signals::Signals;
 use crate::cli::store_env;
+use crate::cli::watchdog;
 use crate::farm::queue::{LocalQueue, Message, Queue};
 use crate::farm::{Fault, Outcome, SharedQueue, WorkOptions, work, work_shared};
 use crate::run::{Event, Quarantined, Run, Scope, Snapshot, Stop, Task, WorkerName};
@@ -40,9 +41,6 @@ pub(super) struct WorkArgs {
     cache: CacheArgs,
     #[command(flatten)]
     checkpoint: CheckpointArgs,
-    /// Time without progress after which a scene counts as hung; the worker exits, and others take over
-    #[arg(long, value_name = "S", default_value = "120", value_parser = parse_duration, help_heading = FARM)]
-    hang_s: Duration,
     /// Name of this worker in messages and receipts [default: host and process]
     #[arg(long, value_name = "NAME", help_heading = FARM)]
     name: Option<String>,
@@ -72,13 +70,17 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
         output.show("glasshouse.work/1", &planned);
         return Ok(Exit::Done);
     }
+    let deadline = args.time_limit.and_then(|limit| Instant::now().checked_add(limit));
+    if let Some(deadline) = deadline {
+        watchdog::set_deadline(deadline);
+    }
     let how = How {
-        deadline: args.time_limit.and_then(|limit| Instant::now().checked_add(limit)),
+        deadline,
         run: &args.run,
         roots: &args.roots.roots,
         cache: Some(&args.cache),
         queue: Some(&args.queue),
-        hang: args.hang_s,
+        hang: global.hang_s,
         checkpoint: args.checkpoint.checkpoint_s,
         name: args.name.clone().unwrap_or_else(queue::worker_name),
         faults: &args.faults,
@@ -109,14 +111,19 @@ pub(super) struct How<'a> {
 
 impl<'a> How<'a> {
     /// Returns the options of the command `run`: no deadline, cache, queue or faults.
-    pub(super) fn alone(run: &'a Path, roots: &'a [String], checkpoint: Duration) -> Self {
+    pub(super) fn alone(
+        run: &'a Path,
+        roots: &'a [String],
+        checkpoint: Duration,
+        global: &Global,
+    ) -> Self {
         Self {
             deadline: None,
             run,
             roots,
             cache: None,
             queue: None,
-            hang: Duration::from_mins(2),
+            hang: global.hang_s,
             checkpoint,
             name: queue::worker_name(),
             faults: &[],

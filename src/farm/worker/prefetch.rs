@@ -9,8 +9,10 @@ use crate::farm::queue::{Lease, Taken};
 use crate::run::{Event, Stage, Stopwatch, keys};
 use crate::store::StoreError;
 use crossbeam::channel::Sender;
-use render::line::SceneLine;
+use render::input_file::InputFile;
+use render::line::{SceneLine, is_url};
 use render::scene::{LoadError, SceneFiles, read_files_by};
+use std::cell::Cell;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -60,6 +62,8 @@ pub(super) struct Prefetcher<'s, 'a> {
     pub(super) worker: &'s Worker<'a>,
     pub(super) appetite: &'s Appetite,
     pub(super) sender: Sender<Loaded<'a>>,
+    /// Index of the first scene that [`Self::has_readable_scene`] looks at: all before cannot be read.
+    pub(super) readable: Cell<usize>,
 }
 
 impl<'a> Prefetcher<'_, 'a> {
@@ -199,6 +203,11 @@ impl<'a> Prefetcher<'_, 'a> {
                 worker.could_not_read(line, task, record, &error.to_string())?;
                 return Ok(None);
             }
+            Err(error @ LoadError::Read { .. })
+                if worker.shared_queue.is_none() && !self.has_readable_scene() =>
+            {
+                return Err(FarmError::NoInputs(error.to_string()));
+            }
             Ok(_) if is_suspect => {
                 if let (Some(sandbox), Some(record)) = (worker.options.sandbox, record) {
                     worker.trace_in(sandbox, line, (task, leased), record)?;
@@ -222,6 +231,20 @@ impl<'a> Prefetcher<'_, 'a> {
             Ok(files) => Ok(Ok(files)),
             Err(error) => without_store(error).map(Err),
         }
+    }
+
+    /// True if all files of some scene of the run can be opened, or if they are not local. If no scene's can, a disk is
+    /// probably missing, and a scene must not go into quarantine for it.
+    fn has_readable_scene(&self) -> bool {
+        let run = self.worker.run;
+        let open = |path: &Path| {
+            if is_url(path) { Ok(Vec::new()) } else { InputFile::open(path).map(|_| Vec::new()) }
+        };
+        let can_open =
+            |line: &SceneLine| read_files_by(line, &run.roots, run.root(), &open).is_ok();
+        let unread = run.lines.iter().skip(self.readable.get()).take_while(|line| !can_open(line));
+        self.readable.set(self.readable.get() + unread.count());
+        self.readable.get() < run.lines.len()
     }
 
     /// True if the error may be this machine's fault, so that another machine may be able to read the file.

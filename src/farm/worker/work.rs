@@ -24,6 +24,7 @@ use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::shard::golden;
 use render::trace::TRACER_VERSION;
+use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
@@ -198,7 +199,7 @@ fn run_threads(worker: &Worker) {
     std::thread::scope(|scope| {
         let (pool, appetite) = (&pool, &appetite);
         scope.spawn(move || worker.watch_control(control, &ended));
-        let prefetcher = Prefetcher { worker, appetite, sender };
+        let prefetcher = Prefetcher { worker, appetite, sender, readable: Cell::new(0) };
         scope.spawn(move || prefetcher.run());
         if let Some(shared) = worker.shared_queue {
             let keeper = LeaseKeeper { worker, shared, appetite };

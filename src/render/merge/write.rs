@@ -44,7 +44,7 @@ fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
 
 /// True if the folder contains the complete tuple of this scene line, made by this version of the tracer.
 pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
-    let Ok(text) = std::fs::read_to_string(folder.join(RECORD)) else {
+    let Ok(text) = crate::input_file::read_to_string(&folder.join(RECORD)) else {
         return false;
     };
     is_record_of(text.as_bytes(), line)

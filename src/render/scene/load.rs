@@ -76,7 +76,7 @@ impl LoadedScene {
 
 /// Reads all of a scene's local files, at the paths that [`Roots::resolve`] returns.
 pub fn read_files(line: &SceneLine, roots: &Roots, base: &Path) -> Result<SceneFiles, LoadError> {
-    read_files_by(line, roots, base, &|path| std::fs::read(path))
+    read_files_by(line, roots, base, &crate::input_file::read)
 }
 
 /// Reads a scene's files from any storage: `read` receives the line's paths after [`Roots::resolve`].

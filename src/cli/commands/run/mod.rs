@@ -40,7 +40,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     run.inputs = store_env::inputs();
     let (outcome, exit, wall) = work_on(
         &run,
-        &How::alone(&folder, &plan.roots.roots, args.checkpoint.checkpoint_s),
+        &How::alone(&folder, &plan.roots.roots, args.checkpoint.checkpoint_s, global),
         global,
         output,
     )?;

@@ -97,7 +97,9 @@ pub(super) fn training(
 /// Reads the scores of an earlier call; `None` if files are missing or the scores are incomplete.
 fn earlier_scores(run: &Path) -> Option<Scores> {
     let file = |ending: &str| {
-        std::fs::read_to_string(evaluation_folder(run).join(format!("evaluation.{ending}")))
+        render::input_file::read_to_string(
+            &evaluation_folder(run).join(format!("evaluation.{ending}")),
+        )
     };
     let json: Value = serde_json::from_str(&file("json").ok()?).ok()?;
     // Pictures that were unreadable may be readable now, so `run` must score again.
