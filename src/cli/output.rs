@@ -1,7 +1,11 @@
 //! Prints results to stdout and messages to stderr.
+//!
+//! Texts may contain scene paths, names and reasons from other machines and files. All of them pass through
+//! [`printable`] or [`printable_json`] here, so that no escape code of a foreign text reaches the terminal.
 
 use super::args::{ColorWhen, Global};
 use super::exit_code::{Exit, Failure};
+use crate::text::{printable, printable_json};
 use render::ids::SceneId;
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
@@ -15,7 +19,7 @@ const ERROR_SCHEMA: &str = "glasshouse.error/1";
 pub(super) fn usage_json(error: &str) {
     let object =
         json!({ "schema": ERROR_SCHEMA, "error": error.trim_end(), "exit": Exit::Usage.code() });
-    let _ = writeln!(std::io::stdout().lock(), "{object}");
+    print_json(&object);
 }
 
 /// Serializes scenes with reasons as objects `{scene, reason}`.
@@ -44,7 +48,23 @@ fn print_object(schema: &str, object: Value) {
     if let (Value::Object(full), Value::Object(object)) = (&mut full, object) {
         full.extend(object);
     }
-    let _ = writeln!(std::io::stdout().lock(), "{full}");
+    print_json(&full);
+}
+
+fn print_json(object: &Value) {
+    let _ = writeln!(std::io::stdout().lock(), "{}", printable_json(object.to_string()));
+}
+
+/// Prints a message of the argument parser. Arguments may contain control characters of foreign file names.
+pub(super) fn usage(error: &clap::Error) {
+    let text = error.to_string();
+    let clean = printable(text.as_str());
+    if clean == text {
+        // This call uses colours.
+        let _ = error.print();
+    } else {
+        let _ = write!(std::io::stderr().lock(), "{clean}");
+    }
 }
 
 pub(super) struct Output {
@@ -70,7 +90,8 @@ impl Output {
     /// pipe.
     pub(super) fn show(&self, schema: &str, result: &(impl Serialize + Display)) {
         if self.json {
-            print_object(schema, serde_json::to_value(result).unwrap_or_default());
+            let object = serde_json::to_value(result);
+            print_object(schema, object.expect("a result has texts as keys and paths as texts"));
         } else {
             self.text(&result.to_string());
         }
@@ -88,7 +109,7 @@ impl Output {
     /// Prints a result, or a line of it, as plain text.
     #[allow(clippy::unused_self, reason = "printing needs an output")]
     pub(super) fn text(&self, text: &str) {
-        let _ = writeln!(std::io::stdout().lock(), "{text}");
+        let _ = writeln!(std::io::stdout().lock(), "{}", printable(text));
     }
 
     /// Prints a note, unless --quiet is given.
@@ -116,6 +137,7 @@ impl Output {
     }
 
     fn line(&self, label: &str, code: &str, text: &str) {
+        let text = printable(text);
         let mut stderr = std::io::stderr().lock();
         let _ = if self.color {
             writeln!(stderr, "\x1b[1;{code}m{label}:\x1b[0m {text}")

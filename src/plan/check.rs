@@ -20,6 +20,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const STORE_THREADS: usize = 32;
 /// Largest number of rows in the table.
 const SHOWN: usize = 20;
+/// Largest width of the table's column of paths; longer paths are followed by their problem without padding.
+const WIDEST: usize = 100;
 
 /// An input file that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
@@ -42,7 +44,8 @@ pub fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
         if scenes.len() == 1 { "scene" } else { "scenes" },
     );
     let shown = &invalid[..invalid.len().min(SHOWN)];
-    let width = shown.iter().map(|input| input.path.chars().count()).max();
+    // Longer widths than 65,535 panic in `format!`.
+    let width = shown.iter().map(|input| input.path.chars().count().min(WIDEST)).max();
     for InvalidInput { path, problem, .. } in shown {
         let _ = writeln!(text, "  {path:width$}  {problem}", width = width.unwrap_or(0));
     }
@@ -332,5 +335,14 @@ mod tests {
         assert!(text.starts_with("25 of 100 input files cannot be used, in 13 scenes:\n"));
         assert_eq!(text.matches("it is empty").count(), SHOWN);
         assert!(text.ends_with("... and 5 more (all of them with --json)\n"));
+    }
+
+    #[test]
+    fn a_path_may_have_any_length() {
+        let path = "x".repeat(65_536);
+        let scenes = vec![SceneId::new("s").unwrap()];
+        let problem = "it is empty".to_owned();
+        let text = invalid_text(&[InvalidInput { path: path.clone(), problem, scenes }], 1);
+        assert!(text.ends_with(&format!("  {path}  it is empty\n")));
     }
 }

@@ -239,6 +239,32 @@ impl BackRecipe {
     }
 }
 
+/// Names of all parameters that a recipe may have, as [`Recipe::params`] returns them.
+pub(crate) const PARAMETERS: [&str; 22] = [
+    "film.width",
+    "film.height",
+    "film.spp",
+    "film.order_tolerance",
+    "camera.focal_length_mm",
+    "camera.aperture_radius_m",
+    "camera.f_number",
+    "camera.focus",
+    "glass.distance_m",
+    "glass.thickness_m",
+    "glass.ior",
+    "glass.absorption_per_m[0]",
+    "glass.absorption_per_m[1]",
+    "glass.absorption_per_m[2]",
+    "glass.tilt_deg[0]",
+    "glass.tilt_deg[1]",
+    "front.exposure",
+    "front.exposure_ev",
+    "front.illuminant_k",
+    "back.exposure",
+    "back.exposure_ev",
+    "back.illuminant_k",
+];
+
 impl Recipe {
     /// Returns all numbers that scenes draw, with their keys.
     pub fn params(&self) -> Vec<(String, &Param)> {
@@ -358,6 +384,20 @@ pairs = { diode = 3000, places = 2000 }
 name = "test"
 pairs = { diode = 120, places = 80 }
 "#;
+
+    #[test]
+    fn the_table_of_parameters_is_complete() {
+        let optional = "[front]\nexposure_ev = 1\nilluminant_k = 5000\n\
+                        [back]\nexposure_ev = 1\nilluminant_k = 5000\n[sources.diode]";
+        let text = PAPER.replacen("[sources.diode]", optional, 1);
+        let mut recipe = Recipe::parse(&text).unwrap();
+        recipe.camera.f_number = Some(Param::Constant(4.0));
+        recipe.camera.focus =
+            toml::from_str::<CameraRecipe>("focus = { distance_m = 2 }").unwrap().focus;
+        let names: std::collections::BTreeSet<_> =
+            recipe.params().into_iter().map(|(name, _)| name).collect();
+        assert_eq!(names, PARAMETERS.map(str::to_owned).into());
+    }
 
     #[test]
     fn the_paper_s_constants_are_the_defaults() {

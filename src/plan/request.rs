@@ -41,6 +41,13 @@ pub enum DraftError {
     Recipe { path: PathBuf, source: Box<RecipeError> },
     #[error("{}: {source}", path.display())]
     Manifest { path: PathBuf, source: Box<ManifestError> },
+    #[error(
+        "{} needs files below {}, but a plan cannot hold this path, because it is not UTF-8: rename the folder, or make \
+         a link with another name and give --root {root}=LINK",
+        path.display(),
+        folder.display()
+    )]
+    NotText { path: PathBuf, root: String, folder: PathBuf },
     #[error("{} describes no scene: add scenes to it", path.display())]
     Empty { path: PathBuf },
     #[error(transparent)]

@@ -11,7 +11,10 @@ use plan::{
 use procedural::SampleError;
 use render::atomic_file::{self, WriteError};
 use render::line::{Roots, to_jsonl};
-use render::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
+use render::shard::{
+    SPEC_SCHEMA, ShardLayout, Spec, SpecMismatch, TooManyShards, choose_tile_px, golden,
+    manifest_digest,
+};
 use render::trace::{Isa, TRACER_VERSION};
 use std::path::{Path, PathBuf};
 
@@ -81,6 +84,9 @@ pub enum PlanError {
     /// The folder holds a file of the user where planning would write.
     #[error("{} exists, and no `glasshouse plan` wrote it; plan into another folder with --out, or remove it", path.display())]
     Foreign { path: PathBuf },
+    /// `--tile` divides a scene into too many shards.
+    #[error(transparent)]
+    Tile(#[from] TooManyShards),
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
@@ -120,6 +126,7 @@ pub(crate) fn plan_run(
         .tile_px
         .or(existing.as_ref().map(|run| run.spec.tile_px))
         .unwrap_or_else(|| choose_tile_px(&drafted.lines));
+    ShardLayout::check(&drafted.lines, tile_px)?;
     let spec = Spec {
         schema: SPEC_SCHEMA.to_owned(),
         name: drafted.name.clone(),

@@ -72,7 +72,7 @@ pub enum Put {
 impl Store {
     /// Opens the folder of a run on a local disk.
     pub fn local(root: &Path) -> Result<Self, StoreError> {
-        Self::open(&root.to_string_lossy(), &StoreOptions::default())
+        Self::open_folder(root, StoreOptions::default().patience)
     }
 
     /// Returns the store's address, for messages.

@@ -50,12 +50,15 @@ fn a_damaged_run_is_refused() {
     let spec_path = place.run.join("spec.json");
     let spec = std::fs::read_to_string(&spec_path).unwrap();
     let number = "\"tracer_version\": ";
-    assert!(spec.contains(number));
+    assert!(spec.contains(number) && spec.contains("\"tile_px\": 16"));
     for damage in [
         spec.as_bytes()[..spec.len() / 2].to_vec(),
         Vec::new(),
         b"\xff\xff".to_vec(),
         spec.replace("tile_px", "tile_qx").into_bytes(),
+        spec.replace("\"tile_px\": 16", "\"tile_px\": 0").into_bytes(),
+        spec.replace("\"tile_px\": 16", "\"tile_px\": 4294967295").into_bytes(),
+        spec.replace("\"scenes\": ", "\"scenes\": 7").into_bytes(),
         spec.replace("glasshouse.spec/1", "glasshouse.spec/9").into_bytes(),
         spec.replace(number, "\"tracer_version\": 9").into_bytes(),
     ] {
@@ -64,10 +67,23 @@ fn a_damaged_run_is_refused() {
             vec!["work", folder],
             vec!["status", folder],
             vec!["merge", folder],
+            vec!["audit", folder],
+            vec!["report", folder],
+            vec!["explain", folder, "train-sample-000000"],
+            vec![
+                "export",
+                folder,
+                "--format",
+                "pairs",
+                "--out",
+                text(&place.run.with_extension("e")),
+            ],
             place.arguments("plan", &[]),
         ] {
             run(&arguments).expect(5).says(&[folder, "new folder"]);
         }
+        // A whole file with senseless numbers is unsound, too.
+        run(&["inspect", folder]).expect(4);
     }
     std::fs::write(&spec_path, &spec).unwrap();
 
