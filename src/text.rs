@@ -75,18 +75,19 @@ pub(crate) fn cut(text: &str, limit: usize) -> String {
 /// Replaces control characters except tabs and line feeds, because a log's escape codes could hide text, and the
 /// characters that reverse the direction of text.
 pub(crate) fn printable<'a>(text: impl Into<Cow<'a, str>>) -> Cow<'a, str> {
-    let is_hidden = |c: char| match c {
-        '\n' | '\t' => false,
-        '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => true,
-        c => c.is_control(),
-    };
+    let is_hidden = |c: char| (c.is_control() || is_reversing(c)) && c != '\n' && c != '\t';
     let text = text.into();
     if text.contains(is_hidden) { text.replace(is_hidden, "\u{fffd}").into() } else { text }
 }
 
-/// Escapes the control characters that JSON permits in its texts (U+007F to U+009F), because terminals obey them.
+/// True if a terminal or a browser shows the text after this character in another order.
+fn is_reversing(c: char) -> bool {
+    matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+/// Escapes the characters that [`printable`] replaces and that JSON permits in its texts, because terminals obey them.
 pub(crate) fn printable_json(json: String) -> String {
-    let is_hidden = |c: char| matches!(c, '\u{7f}'..='\u{9f}');
+    let is_hidden = |c: char| matches!(c, '\u{7f}'..='\u{9f}') || is_reversing(c);
     if !json.contains(is_hidden) {
         return json;
     }

@@ -225,14 +225,14 @@ fn check_file(
 ) -> Result<Checked, StoreUnavailable> {
     let ends = match ends(path, inputs) {
         Ok(ends) => ends,
-        Err(error) => return unreadable(error, inputs),
+        Err(error) => return unreadable(path, error, inputs),
     };
     let bytes = ends.length;
     let seen = match look(role, &ends) {
         Ok(Look::Sound(size)) => Ok(size),
         Ok(Look::Unsure) => match inputs.read(path) {
             Ok(bytes) => look_at_whole(role, &named(bytes)),
-            Err(error) => return unreadable(error, inputs),
+            Err(error) => return unreadable(path, error, inputs),
         },
         Err(error) => Err(error),
     };
@@ -243,10 +243,17 @@ fn check_file(
 }
 
 /// Distinguishes a store that does not respond (an error) from a file that cannot be read (a problem).
-fn unreadable(error: io::Error, inputs: &dyn InputFiles) -> Result<Checked, StoreUnavailable> {
+fn unreadable(
+    path: &Path,
+    error: io::Error,
+    inputs: &dyn InputFiles,
+) -> Result<Checked, StoreUnavailable> {
     match inputs.store_failure(error) {
         Ok(error) => Err(error),
-        Err(error) => Ok(Checked::Wrong(format!("it cannot be read: {error}"))),
+        // The table has the path of the scene line, whose root the user may not know.
+        Err(error) => {
+            Ok(Checked::Wrong(format!("it cannot be read: {error} ({})", path.display())))
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use plan::{
 };
 use procedural::SampleError;
 use render::atomic_file::{self, WriteError};
-use render::line::{Roots, to_jsonl};
+use render::line::{Roots, SceneLine, to_jsonl};
 use render::shard::{
     SPEC_SCHEMA, ShardLayout, Spec, SpecMismatch, TooManyShards, choose_tile_px, golden,
     manifest_digest,
@@ -116,6 +116,7 @@ pub(crate) fn plan_run(
         run: out,
         left_out: left_out.collect(),
         is_planned: existing.is_some(),
+        keeps_absolute: existing.iter().flat_map(|run| &run.lines).any(has_absolute_paths),
         checks_files: existing.is_none() || options.dry_run,
         skip_invalid: options.skip_invalid,
         threads: options.threads,
@@ -162,6 +163,11 @@ pub(crate) fn plan_run(
         }
     }
     Ok(Planned { spec, drafted, existed: existing.is_some() })
+}
+
+fn has_absolute_paths(line: &SceneLine) -> bool {
+    let paths = [&line.front, &line.back].into_iter().flat_map(|side| side.paths());
+    paths.into_iter().any(|(_, path)| Path::new(path).is_absolute())
 }
 
 /// Refuses a folder without a run if planning would overwrite the source or, unless an earlier planning was killed

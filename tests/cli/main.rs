@@ -11,6 +11,7 @@ mod completions;
 mod doctor;
 mod help;
 mod json;
+mod odd_names;
 mod overwrite;
 mod signals;
 #[path = "../support/mod.rs"]
