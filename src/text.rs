@@ -91,9 +91,8 @@ pub(crate) fn printable_json(json: String) -> String {
     if !json.contains(is_hidden) {
         return json;
     }
-    let escape = |c: char| match is_hidden(c) {
-        true => format!("\\u{:04x}", u32::from(c)),
-        false => c.to_string(),
+    let escape = |c: char| {
+        if is_hidden(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() }
     };
     json.chars().map(escape).collect()
 }

@@ -4,7 +4,7 @@
 //! with paths relative to the source's root, and the keys `place`, `scan` (optional) and `values` (optional).
 
 use super::diode::{Index, IndexError, SourceImage};
-use super::recipe::PARAMETERS;
+use super::param::PARAMETERS;
 use procedural::Place;
 use render::line::{Side, is_url, validate_side};
 use serde::Deserialize;

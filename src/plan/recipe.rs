@@ -239,32 +239,6 @@ impl BackRecipe {
     }
 }
 
-/// Names of all parameters that a recipe may have, as [`Recipe::params`] returns them.
-pub(crate) const PARAMETERS: [&str; 22] = [
-    "film.width",
-    "film.height",
-    "film.spp",
-    "film.order_tolerance",
-    "camera.focal_length_mm",
-    "camera.aperture_radius_m",
-    "camera.f_number",
-    "camera.focus",
-    "glass.distance_m",
-    "glass.thickness_m",
-    "glass.ior",
-    "glass.absorption_per_m[0]",
-    "glass.absorption_per_m[1]",
-    "glass.absorption_per_m[2]",
-    "glass.tilt_deg[0]",
-    "glass.tilt_deg[1]",
-    "front.exposure",
-    "front.exposure_ev",
-    "front.illuminant_k",
-    "back.exposure",
-    "back.exposure_ev",
-    "back.illuminant_k",
-];
-
 impl Recipe {
     /// Returns all numbers that scenes draw, with their keys.
     pub fn params(&self) -> Vec<(String, &Param)> {
@@ -396,7 +370,7 @@ pairs = { diode = 120, places = 80 }
             toml::from_str::<CameraRecipe>("focus = { distance_m = 2 }").unwrap().focus;
         let names: std::collections::BTreeSet<_> =
             recipe.params().into_iter().map(|(name, _)| name).collect();
-        assert_eq!(names, PARAMETERS.map(str::to_owned).into());
+        assert_eq!(names, super::super::param::PARAMETERS.map(str::to_owned).into());
     }
 
     #[test]

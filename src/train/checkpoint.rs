@@ -69,10 +69,9 @@ impl CheckpointState {
         if self.generator_steps != step {
             return Err(format!("generator_steps is {} at step {step}", self.generator_steps));
         }
-        let updates = match self.settings.adversarial_weight > 0.0 {
-            true => step.div_ceil(self.settings.discriminator_every),
-            false => 0,
-        };
+        let has_discriminator = self.settings.adversarial_weight > 0.0;
+        let updates =
+            step.div_ceil(self.settings.discriminator_every) * u64::from(has_discriminator);
         if self.discriminator_steps != updates {
             return Err(format!(
                 "discriminator_steps is {} at step {step} instead of {updates}",

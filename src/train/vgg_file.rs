@@ -100,7 +100,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("hostile.pth");
         let settings = TrainSettings { features: FeatureSource::File, ..TrainSettings::default() };
-        let mut refused = |pickle: &[u8]| {
+        let refused = |pickle: &[u8]| {
             write_pth(&path, pickle);
             let error = Features::load(&settings, Some(&path), &Device::Cpu).err().unwrap();
             assert!(error.to_string().contains("hostile.pth"), "{error}");
