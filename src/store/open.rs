@@ -58,6 +58,7 @@ impl Store {
             prefix: Key::default(),
             name: address(),
             local: Some(path.to_owned()),
+            is_oddly_named: root.to_str().is_none(),
             patience,
         })
     }
@@ -85,6 +86,7 @@ impl Store {
             prefix,
             name,
             local: None,
+            is_oddly_named: false,
             patience: options.patience,
         })
     }

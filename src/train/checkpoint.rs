@@ -78,7 +78,7 @@ impl CheckpointState {
                 self.discriminator_steps
             ));
         }
-        if self.validation_psnr_db.is_some_and(|psnr_db| psnr_db.is_nan()) {
+        if self.validation_psnr_db.is_some_and(f64::is_nan) {
             return Err("validation_psnr_db is not a number".to_owned());
         }
         Ok(())

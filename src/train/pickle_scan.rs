@@ -136,7 +136,6 @@ impl Machine {
             return Ok(false);
         };
         match code {
-            b'.' => return Ok(false),
             0x80 => drop(bytes::<1>(reader)?),
             b'c' => {
                 let length = line(reader)? + line(reader)?;
@@ -188,7 +187,7 @@ impl Machine {
                 self.put(id.into())?;
             }
             b'r' => self.put(u32::from_le_bytes(bytes(reader)?))?,
-            // candle refuses all other opcodes before it executes them.
+            // The end. candle refuses all other opcodes before it executes them.
             _ => return Ok(false),
         }
         Ok(true)

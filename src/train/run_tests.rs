@@ -180,7 +180,7 @@ fn a_lying_state_is_refused_and_the_checkpoint_before_it_is_used() {
         let from = format!("\"{key}\": {from},");
         assert!(state.contains(&from), "{state}");
         let lying = state.replacen(&from, &format!("\"{key}\": {to},"), 1);
-        std::fs::write(path.join("state.json"), lying).unwrap();
+        render::atomic_file::write(&path.join("state.json"), lying.as_bytes()).unwrap();
         let error = Checkpoint::read(&path, &Device::Cpu).err().unwrap().to_string();
         assert!(error.contains(words) && error.contains("state.json"), "{error}");
         let (found, refused) = Checkpoint::newest(&stage, &Device::Cpu);
