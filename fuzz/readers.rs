@@ -10,15 +10,16 @@ use glasshouse::farm::queue::{read_message, write_message};
 use glasshouse::inspect::{Input, Whole, inspect_bytes};
 use glasshouse::run::{Control, Provenance, QuarantineRecord, attempts};
 use glasshouse::store::Store;
-use plan::Recipe;
+use plan::{LocalFiles, Recipe, Request, draft};
 use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
 use render::formats::{NamedBytes, PhotographFiles, SceneError};
 use render::ids::SceneId;
-use render::line::{Photograph, Side, parse_jsonl, parse_scene, to_jsonl};
+use render::line::{Photograph, Roots, Side, parse_jsonl, parse_scene, to_jsonl};
 use render::merge::TupleRecord;
 use render::partial;
 use render::scene::{decode_mesh, decode_photograph};
-use render::shard::Spec;
+use render::shard::{ShardLayout, Spec};
+use std::collections::BTreeSet;
 use std::path::Path;
 use tempfile::TempDir;
 
@@ -35,6 +36,7 @@ pub(crate) const READERS: &[Reader] = &[
     ("manifest", manifest),
     ("recipe", recipe),
     ("partial", partial),
+    ("list", list),
     ("spec", spec),
     ("tuple", tuple),
     ("message", message),
@@ -165,7 +167,45 @@ pub(crate) fn partial(bytes: &[u8]) -> bool {
     }
 }
 
-/// `spec.json`.
+/// A list of photographs, up to the plan of a recipe that draws scenes from it. Accepted lists give valid lines.
+pub(crate) fn list(bytes: &[u8]) -> bool {
+    thread_local! {
+        static FOLDER: TempDir = tempfile::tempdir().expect("a folder for a recipe");
+    }
+    let folder = FOLDER.with(|folder| folder.path().to_owned());
+    let recipe = folder.join("recipe.toml");
+    let text = "schema = \"glasshouse.recipe/1\"\nname = \"a\"\n[film]\nwidth = 9\nheight = 6\nspp = 4\n\
+                [sources.mine]\nlayout = \"list\"\nroot = \".\"\n\
+                [[split]]\nname = \"train\"\npairs = { mine = 3 }\n";
+    for (path, bytes) in [(&recipe, text.as_bytes()), (&folder.join("photographs.jsonl"), bytes)] {
+        render::atomic_file::write_relaxed(path, bytes).expect("a small file");
+    }
+    let request = Request {
+        roots: &Roots::default(),
+        inputs: &LocalFiles,
+        run: &folder,
+        left_out: BTreeSet::new(),
+        is_planned: false,
+        keeps_absolute: false,
+        // The photographs do not exist.
+        checks_files: false,
+        skip_invalid: false,
+        threads: 1,
+    };
+    match draft(&recipe, &request, &|_, _, _| {}) {
+        Ok(drafted) => {
+            assert_eq!(drafted.lines.len(), 3);
+            assert!(drafted.lines.iter().all(|line| line.validate().is_ok()));
+            manifest(to_jsonl(&drafted.lines).as_bytes())
+        }
+        Err(error) => {
+            assert!(!error.to_string().is_empty());
+            false
+        }
+    }
+}
+
+/// `spec.json`, up to the shards of a scene.
 pub(crate) fn spec(bytes: &[u8]) -> bool {
     let Ok(spec) = serde_json::from_slice::<Spec>(bytes) else {
         return false;
@@ -173,6 +213,18 @@ pub(crate) fn spec(bytes: &[u8]) -> bool {
     let text = serde_json::to_string(&spec).expect("plain numbers and strings");
     assert_eq!(serde_json::from_str::<Spec>(&text).expect("as written"), spec);
     assert_eq!(spec.diff(&[], &spec, &[]), "");
+    let line = r#"{"schema":"glasshouse.scene/1","id":"a","seed":1,"film":{"width":16384,"height":9,"spp":65536},
+        "camera":{"focal_length_mm":55,"aperture_radius_m":0,"focus":{"at":"infinity"}},
+        "glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.6},"front":{"mesh":"a"},"back":{"mesh":"b"}}"#;
+    let mut line = parse_scene(line).expect("a scene");
+    for target_error in [None, Some(0.1)] {
+        line.film.target_error = target_error;
+        if ShardLayout::check(std::slice::from_ref(&line), spec.tile_px).is_ok() {
+            let layout = ShardLayout::of(&line, spec.tile_px);
+            let last = layout.shard(layout.len() - 1);
+            assert_eq!((last.tile.x + last.tile.width, last.samples.end), (16_384, 65_536));
+        }
+    }
     true
 }
 

@@ -1,5 +1,7 @@
 //! Formats numbers and times for people; shortens, cleans and splits texts.
 
+use std::borrow::Cow;
+
 /// Formats a count as `1,234,567`.
 pub(crate) fn grouped(count: u64) -> String {
     let digits = count.to_string();
@@ -70,10 +72,29 @@ pub(crate) fn cut(text: &str, limit: usize) -> String {
     first
 }
 
-/// Replaces control characters except tabs and line feeds, because a log's escape codes could hide text.
-pub(crate) fn printable(page: String) -> String {
-    let is_hidden = |c: char| c.is_control() && c != '\n' && c != '\t';
-    if page.contains(is_hidden) { page.replace(is_hidden, "\u{fffd}") } else { page }
+/// Replaces control characters except tabs and line feeds, because a log's escape codes could hide text, and the
+/// characters that reverse the direction of text.
+pub(crate) fn printable<'a>(text: impl Into<Cow<'a, str>>) -> Cow<'a, str> {
+    let is_hidden = |c: char| (c.is_control() || is_reversing(c)) && c != '\n' && c != '\t';
+    let text = text.into();
+    if text.contains(is_hidden) { text.replace(is_hidden, "\u{fffd}").into() } else { text }
+}
+
+/// True if a terminal or a browser shows the text after this character in another order.
+fn is_reversing(c: char) -> bool {
+    matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+/// Escapes the characters that [`printable`] replaces and that JSON permits in its texts, because terminals obey them.
+pub(crate) fn printable_json(json: String) -> String {
+    let is_hidden = |c: char| matches!(c, '\u{7f}'..='\u{9f}') || is_reversing(c);
+    if !json.contains(is_hidden) {
+        return json;
+    }
+    let escape = |c: char| {
+        if is_hidden(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() }
+    };
+    json.chars().map(escape).collect()
 }
 
 /// Splits a line of CSV (RFC 4180) into cells. Returns `None` if a quote is not closed.
@@ -133,7 +154,12 @@ mod tests {
 
     #[test]
     fn control_characters_become_visible() {
-        assert_eq!(printable("a\x1b[31m\n\tb\0".to_owned()), "a\u{fffd}[31m\n\tb\u{fffd}");
+        assert_eq!(printable("a\x1b[31m\n\tb\0"), "a\u{fffd}[31m\n\tb\u{fffd}");
+        assert_eq!(printable("a\u{9b}31m\u{202e}b"), "a\u{fffd}31m\u{fffd}b");
+        let json = printable_json("{\"a\":\"\u{9b}1m\u{7f}ä\"}".to_owned());
+        assert_eq!(json, "{\"a\":\"\\u009b1m\\u007fä\"}");
+        let value: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(value["a"], "\u{9b}1m\u{7f}ä");
     }
 
     #[test]

@@ -37,7 +37,10 @@ pub struct ErrorReport<'a> {
     /// Rows by variant, rung and layer.
     pub rows: Vec<LayerRow>,
     /// Folder of the files; absent from `error.json` itself.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(
+        skip_serializing_if = "Option::is_none",
+        serialize_with = "render::path_text::optional"
+    )]
     pub out: Option<PathBuf>,
 }
 

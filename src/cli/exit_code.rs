@@ -141,7 +141,7 @@ exit_codes! {
     crate::run::PlanError {
         (Draft | Run) => its_own,
         Mismatch => Disagrees,
-        Foreign => Usage,
+        Foreign | Tile => Usage,
         Write | Sample => Failed,
     }
     crate::farm::FarmError {

@@ -31,10 +31,7 @@ pub fn main() -> ExitCode {
         Err(error) => {
             // Help and version go to stdout and are not errors.
             let code = if error.use_stderr() { Exit::Usage } else { Exit::Done };
-            let printed = error.print();
-            if code == Exit::Done {
-                output::note_written(printed);
-            }
+            output::usage(&error);
             // The parser has failed, so search for --json directly.
             let json = std::env::args_os()
                 .take_while(|argument| argument != "--")

@@ -1,7 +1,11 @@
 //! Prints results to stdout and messages to stderr.
+//!
+//! Texts may contain scene paths, names and reasons from other machines and files. All of them pass through
+//! [`printable`] or [`printable_json`] here, so that no escape code of a foreign text reaches the terminal.
 
 use super::args::{ColorWhen, Global};
 use super::exit_code::{Exit, Failure, failure};
+use crate::text::{printable, printable_json};
 use render::ids::SceneId;
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
@@ -44,7 +48,7 @@ pub(super) fn check_stdout() -> Result<(), Failure> {
 pub(super) fn usage_json(error: &str) {
     let object =
         json!({ "schema": ERROR_SCHEMA, "error": error.trim_end(), "exit": Exit::Usage.code() });
-    write_stdout(&object.to_string());
+    print_json(&object);
 }
 
 /// Serializes scenes with reasons as objects `{scene, reason}`.
@@ -73,7 +77,26 @@ fn print_object(schema: &str, object: Value) {
     if let (Value::Object(full), Value::Object(object)) = (&mut full, object) {
         full.extend(object);
     }
-    write_stdout(&full.to_string());
+    print_json(&full);
+}
+
+fn print_json(object: &Value) {
+    write_stdout(&printable_json(object.to_string()));
+}
+
+/// Prints a message of the argument parser. Arguments may contain control characters of foreign file names.
+pub(super) fn usage(error: &clap::Error) {
+    let text = error.to_string();
+    let clean = printable(text.as_str());
+    if clean != text {
+        let _ = write!(io::stderr().lock(), "{clean}");
+        return;
+    }
+    // This call uses colours.
+    let printed = error.print();
+    if !error.use_stderr() {
+        note_written(printed);
+    }
 }
 
 pub(super) struct Output {
@@ -103,7 +126,8 @@ impl Output {
     /// Prints the command's result: with --json an object that begins with its schema, else a text.
     pub(super) fn show(&self, schema: &str, result: &(impl Serialize + Display)) {
         if self.json {
-            print_object(schema, serde_json::to_value(result).unwrap_or_default());
+            let object = serde_json::to_value(result);
+            print_object(schema, object.expect("a result has texts as keys and paths as texts"));
         } else {
             self.text(&result.to_string());
         }
@@ -121,7 +145,7 @@ impl Output {
     /// Prints a result, or a line of it, as plain text.
     #[allow(clippy::unused_self, reason = "printing needs an output")]
     pub(super) fn text(&self, text: &str) {
-        write_stdout(text);
+        write_stdout(&printable(text));
     }
 
     /// Prints a note, unless --quiet is given.
@@ -149,6 +173,7 @@ impl Output {
     }
 
     fn line(&self, label: &str, code: &str, text: &str) {
+        let text = printable(text);
         let mut stderr = std::io::stderr().lock();
         let _ = if self.color {
             writeln!(stderr, "\x1b[1;{code}m{label}:\x1b[0m {text}")

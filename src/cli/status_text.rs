@@ -107,7 +107,8 @@ pub(super) fn page(name: &str, view: &Status, queue: &Queue, shown: usize) -> St
         Queue::Lost(reason) => row(&mut text, "queue", &cut(reason)),
     }
     let width = view.workers.iter().map(|w| w.worker.chars().count());
-    let width = width.max().unwrap_or(0);
+    // Names come from the store. Longer widths than 65,535 panic in `format!`.
+    let width = width.max().unwrap_or(0).min(64);
     let workers = view.workers.iter().map(|w| {
         let ago = duration(w.last_tuple_s);
         let tuples = many(w.tuples, "tuple");

@@ -58,12 +58,15 @@ pub fn means_table(rows: &[Row], protocol: Protocol) -> String {
     text
 }
 
+/// Largest width of a column; longer cells have no padding. Widths above 65,535 panic in `format!`.
+const WIDEST: usize = 200;
+
 /// Formats a Markdown table with padded cells. The first row is the head; the first `left` columns are left-aligned.
 pub fn markdown_table(rows: &[Vec<String>], left: usize) -> String {
     let columns = rows.first().map_or(0, Vec::len);
     let cell = |row: &Vec<String>, k: usize| row.get(k).cloned().unwrap_or_default();
     let width = |k: usize| rows.iter().map(|row| cell(row, k).chars().count()).max();
-    let widths: Vec<usize> = (0..columns).map(|k| width(k).unwrap_or(0).max(3)).collect();
+    let widths: Vec<usize> = (0..columns).map(|k| width(k).unwrap_or(0).clamp(3, WIDEST)).collect();
     let mut text = String::new();
     for (n, row) in rows.iter().enumerate() {
         for (k, &width) in widths.iter().enumerate() {

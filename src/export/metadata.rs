@@ -4,9 +4,17 @@ use super::plan::ExportPlan;
 use super::sample::layer_file;
 use render::merge::TupleRecord;
 use serde_json::{Map, Value, json};
+use std::path::Path;
 
 /// Name of the file in each split's folder.
 pub(super) const METADATA_FILE: &str = "metadata.jsonl";
+
+/// Returns the path of a scene line without folders of a machine. Only plans of older versions have absolute paths.
+fn portable(path: &str) -> &str {
+    let is_absolute = Path::new(path).is_absolute();
+    let file = Path::new(path).file_name().filter(|_| is_absolute);
+    file.and_then(|file| file.to_str()).unwrap_or(path)
+}
 
 /// Formats the line of a tuple. Arrow requires the same keys and types in every line.
 pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
@@ -37,8 +45,8 @@ pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
         ("glass_absorption_per_m", json!(glass.absorption_per_m)),
         ("glass_pitch_deg", json!(glass.tilt_deg[0])),
         ("glass_yaw_deg", json!(glass.tilt_deg[1])),
-        ("front", json!(scene.front.name())),
-        ("back", json!(scene.back.name())),
+        ("front", json!(portable(scene.front.name()))),
+        ("back", json!(portable(scene.back.name()))),
     ] {
         put(key.to_owned(), value);
     }

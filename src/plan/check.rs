@@ -20,6 +20,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const STORE_THREADS: usize = 32;
 /// Largest number of rows in the table.
 const SHOWN: usize = 20;
+/// Largest width of the table's column of paths; longer paths are followed by their problem without padding.
+const WIDEST: usize = 100;
 
 /// An input file that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
@@ -42,7 +44,8 @@ pub fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
         if scenes.len() == 1 { "scene" } else { "scenes" },
     );
     let shown = &invalid[..invalid.len().min(SHOWN)];
-    let width = shown.iter().map(|input| input.path.chars().count()).max();
+    // Longer widths than 65,535 panic in `format!`.
+    let width = shown.iter().map(|input| input.path.chars().count().min(WIDEST)).max();
     for InvalidInput { path, problem, .. } in shown {
         let _ = writeln!(text, "  {path:width$}  {problem}", width = width.unwrap_or(0));
     }
@@ -230,7 +233,7 @@ fn check_file(
 ) -> Result<Checked, StoreUnavailable> {
     let ends = match ends(path, inputs) {
         Ok(ends) => ends,
-        Err(error) => return unreadable(error, inputs),
+        Err(error) => return unreadable(path, error, inputs),
     };
     let bytes = ends.length;
     if bytes > MAX_FILE_BYTES {
@@ -241,7 +244,7 @@ fn check_file(
         Ok(Look::Sound(size)) => Ok(size),
         Ok(Look::Unsure) => match inputs.read(path) {
             Ok(bytes) => look_at_whole(role, &named(bytes)),
-            Err(error) => return unreadable(error, inputs),
+            Err(error) => return unreadable(path, error, inputs),
         },
         Err(error) => Err(error),
     };
@@ -252,11 +255,16 @@ fn check_file(
 }
 
 /// Distinguishes a store that does not respond (an error) from a file that cannot be read (a problem).
-fn unreadable(error: io::Error, inputs: &dyn InputFiles) -> Result<Checked, StoreUnavailable> {
+fn unreadable(
+    path: &Path,
+    error: io::Error,
+    inputs: &dyn InputFiles,
+) -> Result<Checked, StoreUnavailable> {
     match inputs.store_failure(error) {
         Ok(error) => Err(error),
         Err(error) => {
-            let problem = format!("it cannot be read: {error}");
+            // The table has the path of the scene line, whose root the user may not know.
+            let problem = format!("it cannot be read: {error} ({})", path.display());
             let is_refused = error.kind() == io::ErrorKind::InvalidInput;
             Ok(if is_refused { Checked::Refused(problem) } else { Checked::Wrong(problem) })
         }
@@ -344,5 +352,14 @@ mod tests {
         assert!(text.starts_with("25 of 100 input files cannot be used, in 13 scenes:\n"));
         assert_eq!(text.matches("it is empty").count(), SHOWN);
         assert!(text.ends_with("... and 5 more (all of them with --json)\n"));
+    }
+
+    #[test]
+    fn a_path_may_have_any_length() {
+        let path = "x".repeat(65_536);
+        let scenes = vec![SceneId::new("s").unwrap()];
+        let problem = "it is empty".to_owned();
+        let text = invalid_text(&[InvalidInput { path: path.clone(), problem, scenes }], 1);
+        assert!(text.ends_with(&format!("  {path}  it is empty\n")));
     }
 }

@@ -9,13 +9,11 @@ use super::procedural_inputs::{ProceduralPhotograph, SampleBytes};
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use super::request::{DraftError, Progress, Request};
+use super::rooting::root_paths;
 use super::source::{Layout, Source};
 use render::line::{Roots, SceneLine, is_url, parse_jsonl};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Component, Path, PathBuf};
-
-/// Name of the root for the relative paths of a manifest.
-const MANIFEST_ROOT: &str = "manifest";
+use std::path::{Path, PathBuf};
 
 /// A parsed recipe or manifest with its photographs listed; nothing is drawn or written yet.
 pub(super) struct Content {
@@ -288,26 +286,7 @@ pub(super) fn from_manifest(
     let base = parent(path);
     let mut roots: BTreeMap<String, PathBuf> =
         request.roots.iter().map(|(name, folder)| (name.to_owned(), absolute(folder))).collect();
-    for line in &mut lines {
-        for side in [&mut line.front, &mut line.back] {
-            for text in side.paths_mut() {
-                let is_rooted =
-                    text.split_once(':').is_some_and(|(name, _)| roots.contains_key(name));
-                if is_rooted || is_url(&*text) || Path::new(text.as_str()).is_absolute() {
-                    continue;
-                }
-                let inside = Path::new(text.as_str())
-                    .components()
-                    .all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-                *text = if inside {
-                    format!("{MANIFEST_ROOT}:{text}")
-                } else {
-                    base.join(text.as_str()).to_string_lossy().into_owned()
-                };
-            }
-        }
-    }
-    roots.entry(MANIFEST_ROOT.to_owned()).or_insert(base);
+    root_paths(&mut lines, base, &mut roots, request.keeps_absolute);
     let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
     Ok(Content { name, roots, notes: Vec::new(), scenes: Scenes::Lines(lines) })
 }

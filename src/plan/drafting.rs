@@ -46,6 +46,10 @@ pub fn draft(
     let on_file = |done, all| on_progress("inputs checked", done, all);
     let mut roots = Roots::default();
     for (name, folder) in &content.roots {
+        if folder.to_str().is_none() {
+            let (path, root) = (source.to_owned(), name.clone());
+            return Err(DraftError::NotText { path, root, folder: folder.clone() });
+        }
         roots.insert(name, folder.clone())?;
     }
     let mut checker =

@@ -36,6 +36,7 @@ mod recipe_check;
 mod recipe_error;
 mod recipe_schema;
 mod request;
+mod rooting;
 mod sections;
 mod source;
 mod source_check;

@@ -4,6 +4,7 @@
 //! with paths relative to the source's root, and the keys `place`, `scan` (optional) and `values` (optional).
 
 use super::diode::{Index, IndexError, SourceImage};
+use super::param::PARAMETERS;
 use procedural::Place;
 use render::line::{Side, is_url, validate_side};
 use serde::Deserialize;
@@ -70,6 +71,11 @@ fn parse_line(json: &str) -> Result<SourceImage, String> {
         return Err(format!(
             "its schema is {:?}, but must be {PHOTOGRAPH_SCHEMA:?}",
             listed.schema
+        ));
+    }
+    if let Some(key) = listed.values.keys().find(|key| !PARAMETERS.contains(&key.as_str())) {
+        return Err(format!(
+            "unknown field `values.{key}`, expected the name of a recipe's parameter, such as `camera.focal_length_mm`"
         ));
     }
     let side = Side::deserialize(serde_json::Value::Object(listed.side))
@@ -159,7 +165,7 @@ mod tests {
         let text = format!(
             "\n{}\r\n{}\n",
             line(SIDE),
-            line(r#""scan":"a.png","mesh":"b.ply","exposure":2,"values":{"camera.gain":1.5}"#)
+            line(r#""scan":"a.png","mesh":"b.ply","exposure":2,"values":{"camera.f_number":1.5}"#)
                 .replace("indoors", "outdoor")
         );
         let images = parse(&text).unwrap();
@@ -169,7 +175,7 @@ mod tests {
         // A scan with the name of a photograph is not the scan of that photograph.
         assert_eq!(first.scan, second.scan);
         assert_ne!(first.scene, second.scene);
-        assert_eq!(second.values["camera.gain"], 1.5);
+        assert_eq!(second.values["camera.f_number"], 1.5);
 
         let side = rooted(second.side.as_ref().unwrap(), "mine");
         assert_eq!(side.paths(), [("mesh", "mine:b.ply")]);
@@ -184,6 +190,10 @@ mod tests {
             (format!(r#"{SIDE},"apex":"mirror""#), "`apex` is not"),
             (format!(r#"{SIDE},"depth_unit_m":0"#), "photograph.depth_unit_m is 0, but must be"),
             (format!(r#"{SIDE},"scan":3"#), "invalid type: integer `3`"),
+            (
+                format!(r#"{SIDE},"values":{{"camera.gain":2}}"#),
+                "unknown field `values.camera.gain`",
+            ),
             (SIDE.replace("a.png", "../a.png"), "color is \"../a.png\""),
             (SIDE.replace("a.npy", "/a.npy"), "depth is \"/a.npy\""),
             (SIDE.replace("a.npy", "s3://b/a"), "depth is \"s3://b/a\""),

@@ -7,6 +7,32 @@ use serde::Deserialize;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
 use std::fmt;
 
+/// Names of all parameters that a recipe may have, as `Recipe::params` returns them.
+pub(crate) const PARAMETERS: [&str; 22] = [
+    "film.width",
+    "film.height",
+    "film.spp",
+    "film.order_tolerance",
+    "camera.focal_length_mm",
+    "camera.aperture_radius_m",
+    "camera.f_number",
+    "camera.focus",
+    "glass.distance_m",
+    "glass.thickness_m",
+    "glass.ior",
+    "glass.absorption_per_m[0]",
+    "glass.absorption_per_m[1]",
+    "glass.absorption_per_m[2]",
+    "glass.tilt_deg[0]",
+    "glass.tilt_deg[1]",
+    "front.exposure",
+    "front.exposure_ev",
+    "front.illuminant_k",
+    "back.exposure",
+    "back.exposure_ev",
+    "back.illuminant_k",
+];
+
 /// A constant, a distribution, or a value from a photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Param {

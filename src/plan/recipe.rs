@@ -360,6 +360,20 @@ pairs = { diode = 120, places = 80 }
 "#;
 
     #[test]
+    fn the_table_of_parameters_is_complete() {
+        let optional = "[front]\nexposure_ev = 1\nilluminant_k = 5000\n\
+                        [back]\nexposure_ev = 1\nilluminant_k = 5000\n[sources.diode]";
+        let text = PAPER.replacen("[sources.diode]", optional, 1);
+        let mut recipe = Recipe::parse(&text).unwrap();
+        recipe.camera.f_number = Some(Param::Constant(4.0));
+        recipe.camera.focus =
+            toml::from_str::<CameraRecipe>("focus = { distance_m = 2 }").unwrap().focus;
+        let names: std::collections::BTreeSet<_> =
+            recipe.params().into_iter().map(|(name, _)| name).collect();
+        assert_eq!(names, super::super::param::PARAMETERS.map(str::to_owned).into());
+    }
+
+    #[test]
     fn the_paper_s_constants_are_the_defaults() {
         let paper = Recipe::parse(PAPER).unwrap();
         assert_eq!(paper.film, FilmRecipe::default());

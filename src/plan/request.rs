@@ -20,6 +20,8 @@ pub struct Request<'a> {
     pub left_out: BTreeSet<String>,
     /// True if the run exists; its plan then stays unchanged, even if files cannot be used.
     pub is_planned: bool,
+    /// True if the run exists and its lines have absolute paths, as in plans of older versions. New plans have roots.
+    pub keeps_absolute: bool,
     /// True if planning checks the input files.
     pub checks_files: bool,
     /// True if the plan leaves out photographs (for a manifest: scenes) with unusable files; if false, a recipe fails.
@@ -41,6 +43,13 @@ pub enum DraftError {
     Recipe { path: PathBuf, source: Box<RecipeError> },
     #[error("{}: {source}", path.display())]
     Manifest { path: PathBuf, source: Box<ManifestError> },
+    #[error(
+        "{} needs files below {}, but a plan cannot hold this path, because it is not UTF-8: rename the folder, or make \
+         a link with another name and give --root {root}=LINK",
+        path.display(),
+        folder.display()
+    )]
+    NotText { path: PathBuf, root: String, folder: PathBuf },
     #[error("{} describes no scene: add scenes to it", path.display())]
     Empty { path: PathBuf },
     #[error(transparent)]

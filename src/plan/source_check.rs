@@ -6,6 +6,9 @@ use super::recipe_error::RecipeError;
 use super::source::{Layout, Source};
 use render::line::{DepthKind, Fill, Intrinsics, Transfer};
 
+/// Largest number of procedural photographs of a source: the largest number of pairs in a split.
+const MAX_SAMPLES: u32 = 1_000_000;
+
 impl Source {
     /// Checks the source; `key` is the place of the source in the recipe.
     pub(super) fn check(&self, key: &str) -> Result<(), RecipeError> {
@@ -39,8 +42,17 @@ impl Source {
             self.check_list(key)?;
         }
         if self.layout == Sample {
-            if self.count.is_none_or(|count| count < 2) {
-                return bad(&format!("{key}.count"), "must be given and at least 2");
+            match self.count {
+                None | Some(0..2) => {
+                    return bad(&format!("{key}.count"), "must be given and at least 2");
+                }
+                Some(count) if count > MAX_SAMPLES => {
+                    return bad(
+                        &format!("{key}.count"),
+                        format!("is {count}, but must be at most {MAX_SAMPLES}"),
+                    );
+                }
+                Some(_) => {}
             }
             for (side, pixels) in ["width", "height"].iter().zip(self.sample_size()) {
                 if !(16..=16_384).contains(&pixels) {
@@ -113,6 +125,7 @@ mod tests {
         for (source, message) in [
             ("", "sources.aa.count must be given"),
             ("count = 1", "sources.aa.count must be given and at least 2"),
+            ("count = 1000000000", "sources.aa.count is 1000000000, but must be at most 1000000"),
             ("count = 4\nwidth = 8", "sources.aa.width is 8"),
             ("count = 4\nroot = \"x\"", "sources.aa.root does not belong to layout \"sample\""),
             (

@@ -1,6 +1,7 @@
 //! Traces a loaded scene shard by shard.
 
 use crate::bands::{BandedShard, bands};
+use crate::layer::Layer;
 use crate::line::SceneLine;
 use crate::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
 use crate::scene::LoadedScene;
@@ -97,6 +98,22 @@ impl<'a> SceneJob<'a> {
             && header.samples == [shard.samples.start, shard.samples.end]
             && header.inputs == self.loaded.inputs
             && header.facts == self.loaded.facts
+            && self.has_samples(shard, header)
+    }
+
+    /// True if a partial has the numbers of samples that the tracer takes. The other two layers and adaptive scenes have
+    /// numbers that only tracing shows; [`crate::partial::decode`] checks their bounds.
+    fn has_samples(&self, shard: &Shard, header: &PartialHeader) -> bool {
+        let (count, film) = (shard.samples.end - shard.samples.start, &self.line.film);
+        let is_adaptive = film.target_error.is_some();
+        let asked = film.layers.asked();
+        let taken = |layer| match (asked[layer], layer) {
+            (false, _) => 0..=0,
+            (true, Layer::Input | Layer::Transmission) if !is_adaptive => count..=count,
+            (true, _) => 0..=count,
+        };
+        header.sample_sums.is_some() == is_adaptive
+            && header.layer_samples.iter().all(|(layer, n)| taken(layer).contains(n))
     }
 
     /// Stores the partial of a finished shard.

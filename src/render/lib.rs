@@ -22,6 +22,7 @@ pub mod line;
 mod loaded;
 pub mod merge;
 pub mod partial;
+pub mod path_text;
 pub mod scene;
 pub mod shard;
 pub mod trace;

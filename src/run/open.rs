@@ -52,6 +52,14 @@ impl Run {
         }
         let lines = parse_jsonl(&manifest)
             .map_err(|source| RunError::Manifest { path: root.join(keys::MANIFEST), source })?;
+        if spec.scenes as usize != lines.len() {
+            return disagrees(format!(
+                "spec.json has {} scenes, and manifest.jsonl {}",
+                spec.scenes,
+                lines.len()
+            ));
+        }
+        ShardLayout::check(&lines, spec.tile_px).map_err(|e| damaged(e.to_string()))?;
         let mut roots = given.clone();
         for (name, folder) in &spec.roots {
             if roots.get(name).is_none() {

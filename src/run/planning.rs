@@ -10,8 +10,11 @@ use plan::{
 };
 use procedural::SampleError;
 use render::atomic_file::{self, WriteError};
-use render::line::{Roots, to_jsonl};
-use render::shard::{SPEC_SCHEMA, Spec, SpecMismatch, choose_tile_px, golden, manifest_digest};
+use render::line::{Roots, SceneLine, to_jsonl};
+use render::shard::{
+    SPEC_SCHEMA, ShardLayout, Spec, SpecMismatch, TooManyShards, choose_tile_px, golden,
+    manifest_digest,
+};
 use render::trace::{Isa, TRACER_VERSION};
 use std::path::{Path, PathBuf};
 
@@ -81,6 +84,9 @@ pub enum PlanError {
     /// The folder holds a file of the user where planning would write.
     #[error("{} exists, and no `glasshouse plan` wrote it; plan into another folder with --out, or remove it", path.display())]
     Foreign { path: PathBuf },
+    /// `--tile` divides a scene into too many shards.
+    #[error(transparent)]
+    Tile(#[from] TooManyShards),
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
@@ -110,6 +116,7 @@ pub(crate) fn plan_run(
         run: out,
         left_out: left_out.collect(),
         is_planned: existing.is_some(),
+        keeps_absolute: existing.iter().flat_map(|run| &run.lines).any(has_absolute_paths),
         checks_files: existing.is_none() || options.dry_run,
         skip_invalid: options.skip_invalid,
         threads: options.threads,
@@ -120,6 +127,7 @@ pub(crate) fn plan_run(
         .tile_px
         .or(existing.as_ref().map(|run| run.spec.tile_px))
         .unwrap_or_else(|| choose_tile_px(&drafted.lines));
+    ShardLayout::check(&drafted.lines, tile_px)?;
     let spec = Spec {
         schema: SPEC_SCHEMA.to_owned(),
         name: drafted.name.clone(),
@@ -158,6 +166,11 @@ pub(crate) fn plan_run(
         }
     }
     Ok(Planned { spec, drafted, existed: existing.is_some() })
+}
+
+fn has_absolute_paths(line: &SceneLine) -> bool {
+    let paths = [&line.front, &line.back].into_iter().flat_map(|side| side.paths());
+    paths.into_iter().any(|(_, path)| Path::new(path).is_absolute())
 }
 
 /// Refuses a folder without a run if planning would overwrite the source or, unless an earlier planning was killed

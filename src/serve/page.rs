@@ -50,13 +50,13 @@ pub(super) fn page(view: &FarmView, nonce: &str, can_act: bool) -> String {
             }
         }
     };
-    printable(page.into_string())
+    printable(page.into_string()).into_owned()
 }
 
 /// Draws the changing parts of a page: the title, and the element with all content except note, footer and dialog.
 pub(super) fn live(view: &FarmView, can_act: bool) -> String {
     let parts = html! { (title(view)) (changing(view, can_act)) };
-    printable(parts.into_string())
+    printable(parts.into_string()).into_owned()
 }
 
 fn title(view: &FarmView) -> Markup {

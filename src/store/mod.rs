@@ -52,6 +52,8 @@ pub struct Store {
     /// Address of the store, for messages.
     name: String,
     local: Option<Arc<Place>>,
+    /// True if the path of the local folder is not UTF-8.
+    is_oddly_named: bool,
     /// Time for which a failed call is repeated.
     patience: Duration,
 }
@@ -75,7 +77,7 @@ pub enum Put {
 impl Store {
     /// Opens the folder of a run on a local disk.
     pub fn local(root: &Path) -> Result<Self, StoreError> {
-        Self::open(&root.to_string_lossy(), &StoreOptions::default())
+        Self::open_folder(root, StoreOptions::default().patience)
     }
 
     /// Returns the store's address, for messages.
@@ -164,6 +166,12 @@ impl Store {
         let mut tries = Tries::new(self.patience);
         let mut cleared_away = 0;
         loop {
+            // object_store panics if it refuses an existing file whose path is not UTF-8.
+            if self.is_oddly_named
+                && let Some(there) = self.get_async(key).await?
+            {
+                return self.compare(key, &bytes, &there);
+            }
             let payload = PutPayload::from_bytes(bytes.clone());
             let put = self.objects.put_opts(&path, payload, PutMode::Create.into());
             let error = match put.await {

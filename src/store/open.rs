@@ -37,13 +37,18 @@ impl std::fmt::Debug for StoreOptions {
 impl Store {
     /// Opens a folder (created if absent), `file:///…`, or `s3://BUCKET/PREFIX` (`gs://`, `az://` with their features).
     pub fn open(address: &str, options: &StoreOptions) -> Result<Self, StoreError> {
-        let invalid = |reason: String| StoreError::Address { address: address.to_owned(), reason };
         let folder = match address.split_once("://") {
             None => address,
             Some(("file", path)) => path,
             Some((scheme, rest)) => return Self::open_url(scheme, rest, options),
         };
-        let path = Path::new(folder);
+        Self::open_folder(Path::new(folder), options.patience)
+    }
+
+    /// Opens a folder of any name, and creates it if it is absent.
+    pub(super) fn open_folder(path: &Path, patience: Duration) -> Result<Self, StoreError> {
+        let address = || path.display().to_string();
+        let invalid = |reason: String| StoreError::Address { address: address(), reason };
         std::fs::create_dir_all(path).map_err(|e| invalid(e.to_string()))?;
         let root = path.canonicalize().map_err(|e| invalid(e.to_string()))?;
         let objects = LocalFileSystem::new_with_prefix(&root)
@@ -52,9 +57,10 @@ impl Store {
         Ok(Self {
             objects: Arc::new(objects),
             prefix: Key::default(),
-            name: path.display().to_string(),
+            name: address(),
             local: Some(Arc::new(Place::open(path).map_err(|e| invalid(e.to_string()))?)),
-            patience: options.patience,
+            is_oddly_named: root.to_str().is_none(),
+            patience,
         })
     }
 
@@ -81,6 +87,7 @@ impl Store {
             prefix,
             name,
             local: None,
+            is_oddly_named: false,
             patience: options.patience,
         })
     }

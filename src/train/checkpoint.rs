@@ -53,6 +53,43 @@ pub struct CheckpointState {
     pub files: BTreeMap<String, String>,
 }
 
+impl CheckpointState {
+    /// Checks that the counts agree with each other and with the name of the checkpoint's folder. The file has no digest
+    /// of itself.
+    fn check(&self, path: &Path) -> Result<(), String> {
+        let step = self.step;
+        let name = path.file_name().and_then(|name| name.to_str());
+        // A folder of another name is a copy.
+        if let Some(of_folder) = name.and_then(step_of)
+            && of_folder != step
+        {
+            return Err(format!("step is {step}, but the folder is of step {of_folder}"));
+        }
+        self.settings.validate().map_err(|e| format!("settings.{e}"))?;
+        if self.generator_steps != step {
+            return Err(format!("generator_steps is {} at step {step}", self.generator_steps));
+        }
+        let has_discriminator = self.settings.adversarial_weight > 0.0;
+        let updates =
+            step.div_ceil(self.settings.discriminator_every) * u64::from(has_discriminator);
+        if self.discriminator_steps != updates {
+            return Err(format!(
+                "discriminator_steps is {} at step {step} instead of {updates}",
+                self.discriminator_steps
+            ));
+        }
+        if self.validation_psnr_db.is_some_and(f64::is_nan) {
+            return Err("validation_psnr_db is not a number".to_owned());
+        }
+        Ok(())
+    }
+}
+
+/// Returns the step in the name of a checkpoint's folder.
+fn step_of(name: &str) -> Option<u64> {
+    name.strip_prefix("step-")?.parse().ok()
+}
+
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
     #[error(transparent)]
@@ -177,6 +214,7 @@ impl Checkpoint {
                 "its schema is {schema:?}, but this program reads {CHECKPOINT_SCHEMA:?}"
             )));
         }
+        state.check(path).map_err(|reason| damaged(format!("{STATE}: {reason}")))?;
         let tensors = |name: &str| {
             let bytes = file(name)?;
             if state.files.get(name) != Some(&digest(&bytes)) {
@@ -214,8 +252,7 @@ pub fn steps(stage_folder: &Path) -> Vec<u64> {
         return Vec::new();
     };
     let names = entries.flatten().map(|entry| entry.file_name());
-    let mut steps: Vec<u64> =
-        names.filter_map(|name| name.to_str()?.strip_prefix("step-")?.parse().ok()).collect();
+    let mut steps: Vec<u64> = names.filter_map(|name| step_of(name.to_str()?)).collect();
     steps.sort_unstable();
     steps
 }

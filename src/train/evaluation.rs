@@ -27,6 +27,7 @@ pub struct ScoredNetwork {
     /// Name of the network's row in the table.
     pub method: String,
     /// Folder of the checkpoint.
+    #[serde(serialize_with = "render::path_text::one")]
     pub path: PathBuf,
     stage: &'static str,
     step: u64,
@@ -69,6 +70,7 @@ pub struct Evaluation {
     pub networks: Vec<ScoredNetwork>,
     /// Pictures that were not scored, with reasons.
     pub left_out: Vec<LeftOut>,
+    #[serde(serialize_with = "render::path_text::each")]
     pub files: Vec<PathBuf>,
     /// Number of threads; omitted from the file, which has the same bytes for any number of threads.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -34,6 +34,7 @@ mod loader;
 mod loss;
 mod metrics;
 pub mod mixture;
+mod pickle_scan;
 mod picture;
 mod random;
 mod resume;

@@ -64,6 +64,7 @@ pub struct Training<'a> {
 /// The result of training, with the keys of `glasshouse.train/1`.
 #[derive(Clone, Debug, Serialize)]
 pub struct TrainSummary {
+    #[serde(serialize_with = "render::path_text::one")]
     pub run: PathBuf,
     pub stage: &'static str,
     pub dry_run: bool,

@@ -158,6 +158,41 @@ fn training_resumes_to_the_same_bits_and_starts_the_next_stage() {
 }
 
 #[test]
+fn a_lying_state_is_refused_and_the_checkpoint_before_it_is_used() {
+    let [photographs, folder] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let folder = folder.path();
+    let pairs = pairs(photographs.path());
+    let fresh = |frozen: Option<&TrainSettings>| frozen.cloned().unwrap_or_else(small);
+    let go = |steps, watcher: &mut dyn Watcher| {
+        let training = training(folder, Stage::Backtrack, steps, &pairs, &fresh);
+        run(training, watcher, &AtomicBool::new(false)).unwrap()
+    };
+    go(4, &mut ());
+    let stage = stage_folder(folder, Stage::Backtrack);
+    let path = checkpoint_folder(&stage, 4);
+    let state = std::fs::read_to_string(path.join("state.json")).unwrap();
+    for (key, from, to, words) in [
+        ("step", "4", "999999", "but the folder is of step 4"),
+        ("generator_steps", "4", "7", "generator_steps is 7 at step 4"),
+        ("discriminator_steps", "2", "3", "discriminator_steps is 3 at step 4 instead of 2"),
+        ("width", "4", "0", "settings.width is 0"),
+    ] {
+        let from = format!("\"{key}\": {from},");
+        assert!(state.contains(&from), "{state}");
+        let lying = state.replacen(&from, &format!("\"{key}\": {to},"), 1);
+        render::atomic_file::write(&path.join("state.json"), lying.as_bytes()).unwrap();
+        let error = Checkpoint::read(&path, &Device::Cpu).err().unwrap().to_string();
+        assert!(error.contains(words) && error.contains("state.json"), "{error}");
+        let (found, refused) = Checkpoint::newest(&stage, &Device::Cpu);
+        assert_eq!((found.unwrap().state.step, refused.len()), (2, 1));
+    }
+    // Training goes on from the checkpoint before, and names the damaged one.
+    let mut seen = Seen::default();
+    assert_eq!(go(4, &mut seen).from_step, 2);
+    assert!(seen.warnings[0].contains("step 2 is used instead"), "{:?}", seen.warnings);
+}
+
+#[test]
 fn impossible_training_is_refused_with_a_reason() {
     let [photographs, folder] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let folder = folder.path();

@@ -56,6 +56,7 @@ pub struct Trained {
     #[serde(rename = "steps_taken")]
     pub taken: u64,
     /// Folder of the newest checkpoint, if any.
+    #[serde(serialize_with = "render::path_text::optional")]
     pub checkpoint: Option<PathBuf>,
     /// Loss of the last step of the call.
     pub loss: Option<f32>,

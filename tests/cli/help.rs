@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// Treatment of an example that the test does not run unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Instead {
+pub(super) enum Instead {
     /// The test runs the example with `-n`.
     DryRun,
     /// The test only parses the example.
@@ -87,8 +87,13 @@ fn examples(name: &str) -> Vec<String> {
     found
 }
 
+/// Returns the treatment of an example, if the test does not run it unchanged.
+pub(super) fn instead(line: &str) -> Option<Instead> {
+    NOT_RUN.iter().find(|(other, ..)| *other == line).map(|(_, instead, _)| *instead)
+}
+
 /// Returns all examples without duplicates.
-fn all_examples() -> Vec<String> {
+pub(super) fn all_examples() -> Vec<String> {
     let mut all: Vec<String> = commands().iter().flat_map(|name| examples(name)).collect();
     all.sort();
     all.dedup();
@@ -96,7 +101,7 @@ fn all_examples() -> Vec<String> {
 }
 
 /// Splits an example into words, and replaces `/data/diode` and paths in `/tmp` with paths in `folder`.
-fn words(line: &str, folder: &Path) -> Vec<String> {
+pub(super) fn words(line: &str, folder: &Path) -> Vec<String> {
     let of = |word: &str| match word.strip_prefix("/tmp/") {
         Some(name) => folder.join(name).display().to_string(),
         None if word == "diode=/data/diode" => format!("diode={}", folder.join("made").display()),
@@ -124,8 +129,7 @@ fn every_example_is_valid_and_every_exception_exists() {
 #[test]
 fn examples_work() {
     all_examples().into_par_iter().for_each(|line| {
-        let instead =
-            NOT_RUN.iter().find(|(other, ..)| *other == line).map(|(_, instead, _)| *instead);
+        let instead = instead(&line);
         if instead == Some(Parsed) {
             return;
         }

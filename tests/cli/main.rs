@@ -12,6 +12,7 @@ mod doctor;
 mod help;
 mod json;
 mod moved;
+mod odd_names;
 mod overwrite;
 mod reads;
 mod signals;

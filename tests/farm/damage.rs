@@ -20,6 +20,12 @@ fn damaged_partials_are_traced_again() {
     let digest = of_other_inputs.inputs.0.get_mut("front.depth").unwrap();
     *digest = "0".repeat(64);
     let of_other_inputs = Partial::new(of_other_inputs, good[13].pixels.clone());
+    // Partials with a right digest that no tracer writes.
+    let forged = |shard: usize, forge: &dyn Fn(&mut Partial)| {
+        let mut partial = good[shard].clone();
+        forge(&mut partial);
+        (shard, encode(&Partial::new(partial.header, partial.pixels)).unwrap())
+    };
     let flipped = |shard: usize, at: usize| {
         let mut bytes = bytes[shard].clone();
         bytes[at] ^= 0x10;
@@ -40,6 +46,11 @@ fn damaged_partials_are_traced_again() {
         (10, bytes[11].clone()),
         (12, encode(&of_other_scene[12]).unwrap()),
         (13, encode(&of_other_inputs).unwrap()),
+        forged(14, &|forged| forged.pixels[3].mean[0][1] = -0.5),
+        forged(15, &|forged| forged.pixels[3].half[2][0] = f32::NAN),
+        forged(16, &|forged| forged.header.misses.0[1] = forged.header.paths.0[1] + 1),
+        forged(17, &|forged| forged.header.layer_samples.0[0] = u32::MAX),
+        forged(18, &|forged| forged.header.layer_samples.0[1] = 0),
     ];
     for (shard, content) in &damaged {
         std::fs::write(&paths[*shard], content).unwrap();

@@ -50,12 +50,15 @@ fn a_damaged_run_is_refused() {
     let spec_path = place.run.join("spec.json");
     let spec = std::fs::read_to_string(&spec_path).unwrap();
     let number = "\"tracer_version\": ";
-    assert!(spec.contains(number));
+    assert!(spec.contains(number) && spec.contains("\"tile_px\": 16"));
     for damage in [
         spec.as_bytes()[..spec.len() / 2].to_vec(),
         Vec::new(),
         b"\xff\xff".to_vec(),
         spec.replace("tile_px", "tile_qx").into_bytes(),
+        spec.replace("\"tile_px\": 16", "\"tile_px\": 0").into_bytes(),
+        spec.replace("\"tile_px\": 16", "\"tile_px\": 4294967295").into_bytes(),
+        spec.replace("\"scenes\": ", "\"scenes\": 7").into_bytes(),
         spec.replace("glasshouse.spec/1", "glasshouse.spec/9").into_bytes(),
         spec.replace(number, "\"tracer_version\": 9").into_bytes(),
     ] {
@@ -64,10 +67,23 @@ fn a_damaged_run_is_refused() {
             vec!["work", folder],
             vec!["status", folder],
             vec!["merge", folder],
+            vec!["audit", folder],
+            vec!["report", folder],
+            vec!["explain", folder, "train-sample-000000"],
+            vec![
+                "export",
+                folder,
+                "--format",
+                "pairs",
+                "--out",
+                text(&place.run.with_extension("e")),
+            ],
             place.arguments("plan", &[]),
         ] {
             run(&arguments).expect(5).says(&[folder, "new folder"]);
         }
+        // A whole file with senseless numbers is unsound, too.
+        run(&["inspect", folder]).expect(4);
     }
     std::fs::write(&spec_path, &spec).unwrap();
 
@@ -144,6 +160,74 @@ fn paths_in_scene_lines_start_at_the_manifests_folder_or_a_root() {
     let root = format!("pictures={}", text(&moved));
     run(&["work", text(&out), "--root", &root]).expect(0);
     assert_same(&tuples(&out), &b);
+}
+
+#[test]
+fn absolute_paths_stay_in_the_spec() {
+    let folder = tempfile::tempdir().unwrap();
+    let photos = folder.path().join("private");
+    std::fs::create_dir(&photos).unwrap();
+    photographs(&photos);
+    let mut line = scene("one");
+    for side in ["front", "back"] {
+        for key in ["color", "depth", "mask"] {
+            let path = photos.join(line[side][key].as_str().unwrap());
+            line[side][key] = json!(text(&path));
+        }
+    }
+    let lines = folder.path().join("scenes.jsonl");
+    write_lines(&lines, &[line.clone()]);
+    let out = folder.path().join("out");
+    run(&["run", text(&lines), "--out", text(&out)]).expect(0);
+    let exported = folder.path().join("exported");
+    let format = ["--format", "imagefolder", "--out", text(&exported)];
+    run(&[&["export", text(&out)], &format[..]].concat()).expect(0);
+    let record = out.join("tuples/one/tuple.json");
+    let metadata = exported.join("train/metadata.jsonl");
+    for path in [&out.join("manifest.jsonl"), &record, &metadata] {
+        let content = std::fs::read_to_string(path).unwrap();
+        assert!(content.contains("folder-1:") && !content.contains("private"), "{content}");
+    }
+    let spec = read_json(out.join("spec.json"));
+    assert_eq!(spec["roots"]["folder-1"], text(&photos));
+    // The scene can be rendered again, and planning again changes nothing.
+    let planned = run(&["plan", text(&lines), "--out", text(&out)]).expect(0);
+    assert!(planned.stdout.contains("is already planned"), "{planned:?}");
+    let again = folder.path().join("again");
+    run(&["render", text(&record), "--out", text(&again)]).expect(0);
+    let of_run = std::fs::read(out.join("tuples/one/input.png")).unwrap();
+    assert!(std::fs::read(again.join("input.png")).unwrap() == of_run);
+
+    // A run of an older version has absolute paths; it is continued as it is.
+    let old = folder.path().join("old");
+    run(&["plan", text(&lines), "--out", text(&old)]).expect(0);
+    let manifest = std::fs::read_to_string(old.join("manifest.jsonl")).unwrap();
+    let manifest = manifest.replace("folder-1:", &format!("{}/", text(&photos)));
+    std::fs::write(old.join("manifest.jsonl"), &manifest).unwrap();
+    let mut spec = read_json(old.join("spec.json"));
+    spec["manifest_blake3"] = json!(render::shard::manifest_digest(&manifest));
+    spec["roots"].as_object_mut().unwrap().remove("folder-1");
+    std::fs::write(old.join("spec.json"), spec.to_string()).unwrap();
+    run(&["run", text(&lines), "--out", text(&old)]).expect(0);
+    let exported = folder.path().join("exported-old");
+    let format = ["--format", "imagefolder", "--out", text(&exported)];
+    run(&[&["export", text(&old)], &format[..]].concat()).expect(0);
+    let metadata = std::fs::read_to_string(exported.join("train/metadata.jsonl")).unwrap();
+    assert!(!metadata.contains("private"), "{metadata}");
+}
+
+#[test]
+fn too_many_shards_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    photographs(folder.path());
+    let mut line = scene("one");
+    line["film"] = json!({ "width": 16384, "height": 16384, "spp": 65536 });
+    let lines = folder.path().join("scenes.jsonl");
+    write_lines(&lines, &[line]);
+    let out = folder.path().join("out");
+    let planned = run(&["plan", text(&lines), "--out", text(&out), "--tile", "1"]);
+    planned.expect(2).says(&["4294967296 shards", "1048576", "--tile"]);
+    assert!(!out.join("spec.json").exists());
 }
 
 #[test]

@@ -62,7 +62,7 @@ fn list(folder: &Path) -> Vec<Value> {
         photograph(
             "b",
             "indoors",
-            json!({ "scan": "b", "exposure": 2.0, "values": { "camera.gain": 2 } }),
+            json!({ "scan": "b", "exposure": 2.0, "values": { "camera.f_number": 2 } }),
         ),
         json!({
             "schema": "glasshouse.photograph/1", "place": "outdoor", "panorama": "sky.hdr", "transfer": "linear",

@@ -160,6 +160,7 @@ impl fmt::Display for Planned<'_> {
 
 #[derive(Serialize)]
 struct Audited<'a> {
+    #[serde(serialize_with = "render::path_text::one")]
     run: &'a Path,
     dry_run: bool,
     seed: Option<u64>,

@@ -76,6 +76,7 @@ fn count(findings: &[Finding], level: Level) -> usize {
 
 #[derive(Serialize)]
 struct Found {
+    #[serde(serialize_with = "render::path_text::one")]
     run: PathBuf,
     dry_run: bool,
     ok: usize,

@@ -177,7 +177,9 @@ fn exit(plan: &ExportPlan) -> Exit {
 
 #[derive(Serialize)]
 struct Export<'a> {
+    #[serde(serialize_with = "render::path_text::one")]
     run: &'a Path,
+    #[serde(serialize_with = "render::path_text::one")]
     out: &'a Path,
     dry_run: bool,
     format: ExportFormat,

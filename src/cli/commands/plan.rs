@@ -176,6 +176,7 @@ fn try_out(planned: &Planned, run: &Path, isa: Isa) -> Result<Option<Calibration
 /// The plan and its estimated cost.
 #[derive(Serialize)]
 struct Summary {
+    #[serde(serialize_with = "render::path_text::one")]
     run: PathBuf,
     dry_run: bool,
     existed: bool,

@@ -56,6 +56,7 @@ pub(super) fn run(args: &RetryArgs, global: &Global, output: &Output) -> Result<
 
 #[derive(Serialize)]
 struct Shown<'a> {
+    #[serde(serialize_with = "render::path_text::one")]
     run: &'a Path,
     dry_run: bool,
     #[serde(flatten)]

@@ -20,7 +20,7 @@ pub(super) struct SampleArgs {
     /// Folder to write to
     dir: PathBuf,
     /// Number of photographs
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
     count: u32,
     /// Seed of the photographs
     #[arg(long, default_value_t = 2020)]

@@ -10,6 +10,7 @@ use crate::cli::target;
 use crate::farm::queue::{NatsCoordinator, QueueKeeper};
 use crate::run::{Run, RunState, Scope, Snapshot, Status};
 use crate::store::Store;
+use crate::text::printable;
 use clap::Args as ClapArgs;
 use render::line::Roots;
 use serde::Serialize;
@@ -123,6 +124,7 @@ fn tell(args: &StatusArgs, run: &Run, view: &Status, queue: &Queue, output: &Out
 struct Shown<'a> {
     #[serde(flatten)]
     view: &'a Status,
+    #[serde(serialize_with = "render::path_text::one")]
     run: &'a Path,
     name: &'a str,
     finished: bool,
@@ -159,7 +161,7 @@ impl Screen {
     #[allow(clippy::unused_self, reason = "drawing needs an open screen")]
     fn draw(&self, text: &str) {
         // A single write avoids flicker.
-        put(&format!("{HOME}{text}\n"));
+        put(&format!("{HOME}{}\n", printable(text)));
     }
 }
 

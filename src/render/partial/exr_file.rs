@@ -98,7 +98,7 @@ pub(super) fn encode_as(
     write_exr_into(&image, Vec::with_capacity(length))
 }
 
-/// Decodes a partial and checks its digest. Only the error uses `path`.
+/// Decodes a partial and checks its digest and its numbers. Only the error uses `path`.
 pub fn decode(path: &Path, bytes: &[u8]) -> Result<Partial, PartialError> {
     // The exr crate may panic on invalid bytes.
     let result = std::panic::catch_unwind(|| decode_inner(bytes));
@@ -132,9 +132,11 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
         }
     }
     let partial = Partial { header, pixels };
-    if partial.is_intact() {
-        Ok(partial)
-    } else {
-        Err("its digest does not match its content".to_owned())
+    if !partial.is_intact() {
+        return Err("its digest does not match its content".to_owned());
+    }
+    match partial.nonsense() {
+        Some(reason) => Err(reason),
+        None => Ok(partial),
     }
 }

@@ -3,7 +3,7 @@
 //! A partial is an uncompressed OpenEXR file. Its data window is the shard's tile, its display window is the film, and
 //! 36 float channels hold each layer's mean and the means of the first half and the first quarter of its samples (for
 //! the error estimate, see [`crate::trace::square_error`]). The header attribute `glasshouse` holds the rest as JSON.
-//! Readers reject a partial that does not match its digest; its shard is then traced again.
+//! Readers reject a partial that does not match its digest or that no tracer can have made; its shard is then traced again.
 //!
 //! ```
 //! let torn = render::partial::decode("partials/a/0007.exr".as_ref(), b"v/1");
@@ -13,6 +13,7 @@
 
 mod exr_file;
 mod header;
+mod sense;
 
 pub use exr_file::{PartialError, decode, encode};
 pub use header::{PARTIAL_SCHEMA, PartialHeader};

@@ -1,5 +1,6 @@
 //! Divides a scene into shards: tiles times sample ranges, numbered from 0.
 
+use crate::ids::SceneId;
 use crate::line::SceneLine;
 use crate::trace::Tile;
 use std::ops::Range;
@@ -32,6 +33,20 @@ pub fn choose_tile_px(lines: &[SceneLine]) -> u32 {
     };
     let enough = TILES_PX.into_iter().find(|&tile_px| seconds(tile_px) >= SHARD_SECONDS);
     enough.unwrap_or(TILES_PX[TILES_PX.len() - 1])
+}
+
+/// Largest number of shards of a scene. The smallest automatic tile gives the largest film 1,048,576.
+pub const MAX_SHARDS: u64 = 1 << 20;
+
+/// A scene with more shards than [`MAX_SHARDS`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "tiles of {tile_px} px divide scene {scene} into {shards} shards, more than {MAX_SHARDS}: plan with a larger --tile"
+)]
+pub struct TooManyShards {
+    pub scene: SceneId,
+    pub tile_px: u32,
+    pub shards: u64,
 }
 
 /// A tile and a range of samples: the unit of tracing. Its result is a pure function of the scene and these fields.
@@ -72,6 +87,20 @@ impl ShardLayout {
             samples_per_range: film.spp,
             ..Self::new(film.width, film.height, film.spp, tile_px.next_multiple_of(cell))
         }
+    }
+
+    /// Checks that each scene has at most [`MAX_SHARDS`] shards with tiles of `tile_px`.
+    pub fn check(lines: &[SceneLine], tile_px: u32) -> Result<(), TooManyShards> {
+        for line in lines {
+            let layout = Self::of(line, tile_px);
+            let columns = u64::from(layout.width.div_ceil(layout.tile_px));
+            let rows = u64::from(layout.height.div_ceil(layout.tile_px));
+            let shards = columns * rows * u64::from(layout.ranges());
+            if shards > MAX_SHARDS {
+                return Err(TooManyShards { scene: line.id.clone(), tile_px, shards });
+            }
+        }
+        Ok(())
     }
 
     /// Returns the number of sample ranges of each tile.

@@ -17,5 +17,10 @@ mod spec;
 
 pub use golden::{golden, pinned, whole};
 pub use golden_scenes::{GoldenScene, golden_scenes};
-pub use layout::{SECONDS_PER_SAMPLE, Shard, ShardLayout, choose_tile_px, samples_per_range};
-pub use spec::{Golden, SPEC_SCHEMA, Spec, SpecMismatch, manifest_digest, scene_digest};
+pub use layout::{
+    MAX_SHARDS, SECONDS_PER_SAMPLE, Shard, ShardLayout, TooManyShards, choose_tile_px,
+    samples_per_range,
+};
+pub use spec::{
+    Golden, MAX_TILE_PX, SPEC_SCHEMA, Spec, SpecMismatch, manifest_digest, scene_digest,
+};

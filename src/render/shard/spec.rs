@@ -1,7 +1,7 @@
 //! `RUN/spec.json`: the settings of a run that must not change.
 
 use crate::line::{SceneLine, to_jsonl};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -9,6 +9,18 @@ use std::path::PathBuf;
 
 /// Schema name of `spec.json`.
 pub const SPEC_SCHEMA: &str = "glasshouse.spec/1";
+
+/// Largest side of a tile, px: that of the largest film.
+pub const MAX_TILE_PX: u32 = 16_384;
+
+/// Reads the side of a tile. A division into tiles of other sides would fail later.
+fn tile_px<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
+    let found = u32::deserialize(deserializer)?;
+    if (1..=MAX_TILE_PX).contains(&found) {
+        return Ok(found);
+    }
+    Err(de::Error::custom(format!("tile_px is {found}, but must be 1 to {MAX_TILE_PX}")))
+}
 
 /// Settings of a run that must not change. The spec, `manifest.jsonl` and the input files determine every pixel.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -22,7 +34,8 @@ pub struct Spec {
     pub scenes: u32,
     /// BLAKE3 of `manifest.jsonl`.
     pub manifest_blake3: String,
-    /// Side of a tile, px.
+    /// Side of a tile, px, from 1 to [`MAX_TILE_PX`].
+    #[serde(deserialize_with = "tile_px")]
     pub tile_px: u32,
     /// [`crate::trace::TRACER_VERSION`] at planning.
     pub tracer_version: u32,

@@ -70,6 +70,14 @@ fn traced() -> (SceneLine, Vec<Partial>, Vec<u8>) {
     (line, partials, record)
 }
 
+/// Lines of a list of photographs: two photographs, a panorama and a mesh.
+const LIST: [&str; 4] = [
+    r#"{"schema":"glasshouse.photograph/1","place":"indoors","color":"a.png","depth":"a.npy","intrinsics":{"fx":9,"fy":9,"cx":4,"cy":3}}"#,
+    r#"{"schema":"glasshouse.photograph/1","place":"indoors","scan":"s","color":"b.png","depth":"b.npy","intrinsics":{"fx":9,"fy":9,"cx":4,"cy":3},"values":{"glass.ior":1.5}}"#,
+    r#"{"schema":"glasshouse.photograph/1","place":"outdoor","panorama":"c.hdr","transfer":"linear","yaw_deg":40}"#,
+    r#"{"schema":"glasshouse.photograph/1","place":"outdoor","mesh":"d.ply","unit_m":0.5,"exposure":2}"#,
+];
+
 const RECIPES: [&str; 2] = [
     r#"schema = "glasshouse.recipe/1"
 name = "places"
@@ -218,6 +226,8 @@ pub(crate) fn all() -> Vec<Seed> {
     for (k, text) in RECIPES.iter().enumerate() {
         seeds.push(("recipe", format!("{k}.toml"), text.as_bytes().to_vec()));
     }
+    seeds.push(("list", "four.jsonl".to_owned(), LIST.join("\n").into_bytes()));
+    seeds.push(("list", "short.jsonl".to_owned(), LIST[0].as_bytes().to_vec()));
     let partial = render::partial::encode(&partials[0]).unwrap();
     seeds.push(("partial", "pixels.exr".to_owned(), partial));
     seeds.push(("partial", "foreign.exr".to_owned(), images().pop().unwrap().1));
@@ -233,6 +243,8 @@ pub(crate) fn all() -> Vec<Seed> {
         left_out: Vec::new(),
     };
     seeds.push(("spec", "a.json".to_owned(), serde_json::to_vec_pretty(&spec).unwrap()));
+    let tiny = serde_json::to_vec(&Spec { tile_px: 0, ..spec }).unwrap();
+    seeds.push(("spec", "tile_px_0.json".to_owned(), tiny));
     seeds.push(("spec", "short.json".to_owned(), b"{\"schema\":\"glasshouse.spec/1\"}".to_vec()));
     seeds.push(("tuple", "a.json".to_owned(), record));
     seeds.push(("tuple", "short.json".to_owned(), b"{\"schema\":\"glasshouse.tuple/1\"}".to_vec()));

@@ -119,6 +119,7 @@ struct Report {
     kernels: Vec<KernelRow>,
     tracer: Vec<TracerRow>,
     grids: Vec<BuildRow>,
+    #[serde(serialize_with = "render::path_text::optional")]
     dump: Option<PathBuf>,
 }
 
