@@ -1,0 +1,83 @@
+//! Crashes after every k-th operation of plan, work, merge, training and export.
+
+use super::phase::{Phase, phases};
+use super::recording::can_trace;
+use super::recovery::check;
+use super::states::States;
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Number of failures that a test shows per phase.
+const SHOWN: usize = 12;
+
+/// Tests the states of a phase on all processors; returns the descriptions of wrong or lost results.
+fn test(phase: &Phase, states: &States) -> Vec<String> {
+    let (next, failures) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
+    let end = phase.journal.events.len();
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                while let Some(state) = states.states.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    if let Err(reason) = check(phase, state, end) {
+                        let last = match state.point.checked_sub(1) {
+                            Some(last) => &phase.journal.events[last].text,
+                            None => "nothing",
+                        };
+                        let lost = &state.lost;
+                        let text = format!(
+                            "crash at {} of {end}, after {last}; lost: {lost:#?}",
+                            state.point
+                        );
+                        let mut failures = failures.lock().unwrap();
+                        let (count, _) = failures.entry(reason).or_insert((0, text));
+                        *count += 1;
+                    }
+                }
+            });
+        }
+    });
+    let failures = failures.into_inner().unwrap();
+    failures
+        .iter()
+        .map(|(reason, (count, first))| format!("{count} x {reason}\n  first: {first}"))
+        .collect()
+}
+
+/// Crashes every command at every `every`-th operation, with at most `most` subsets of lost operations.
+fn crash(every: usize, most: usize, least_points: usize) {
+    if !can_trace() {
+        return;
+    }
+    let (mut points, mut wrong) = (0, Vec::new());
+    for phase in phases() {
+        let states = States::of(&phase.journal, every, most);
+        let found = test(&phase, &states);
+        eprintln!(
+            "{}: {} operations, {} crash points, {} subsets, {} states; wrong or lost results: {}",
+            phase.name,
+            phase.journal.events.len(),
+            states.points,
+            states.subsets,
+            states.states.len(),
+            found.len(),
+        );
+        points += states.points;
+        let shown = found.iter().take(SHOWN);
+        wrong.extend(shown.map(|text| format!("{}: {text}", phase.name)));
+    }
+    assert!(points >= least_points, "only {points} crash points");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn a_crash_loses_nothing_and_the_same_command_ends_with_the_same_bits() {
+    crash(3, 8, 200);
+}
+
+#[test]
+#[ignore = "takes minutes; `just crash` runs it"]
+fn a_crash_after_any_operation_loses_nothing() {
+    crash(1, 64, 600);
+}

@@ -1,0 +1,18 @@
+//! Crashes commands after their file operations, loses what a crash may lose, and repeats the commands.
+#![allow(
+    clippy::unwrap_used,
+    clippy::disallowed_methods,
+    clippy::print_stderr,
+    reason = "tests may panic in any function, write files, and print why they are skipped"
+)]
+
+mod calls;
+mod crashes;
+mod disk;
+mod journal;
+mod phase;
+mod recording;
+mod recovery;
+mod states;
+#[path = "../support/mod.rs"]
+mod support;
