@@ -3,6 +3,7 @@
 use super::error::RunError;
 use super::keys;
 use crate::store::Inputs;
+use render::atomic_file::sync_dir;
 use render::line::{Roots, SceneLine, is_url, parse_jsonl};
 use render::shard::{SPEC_SCHEMA, ShardLayout, Spec, manifest_digest};
 use render::trace::TRACER_VERSION;
@@ -93,11 +94,16 @@ impl Run {
 /// Locks a run's folder for this process until the returned file is dropped.
 pub(super) fn lock(root: &Path) -> Result<File, RunError> {
     let path = root.join(keys::LOCK);
-    let file = File::options()
-        .create(true)
-        .append(true)
-        .open(&path)
-        .map_err(|source| RunError::Read { path: path.clone(), source })?;
+    let open = || {
+        let is_new = !path.exists();
+        let file = File::options().create(true).append(true).open(&path)?;
+        if is_new {
+            // After a power cut, this file shows planning that an unplanned folder belongs to a run.
+            sync_dir(root)?;
+        }
+        Ok(file)
+    };
+    let file = open().map_err(|source| RunError::Read { path: path.clone(), source })?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => Err(RunError::Busy { root: root.to_owned() }),

@@ -128,7 +128,7 @@ impl Evaluation {
         atomic_file::create_dir(folder)?;
         atomic_file::write(&markdown, self.markdown().as_bytes())?;
         atomic_file::write(&csv, per_image_csv(&self.rows).as_bytes())?;
-        atomic_file::write_relaxed(&png, &grid.png)?;
+        atomic_file::write(&png, &grid.png)?;
         atomic_file::write(&json, pretty.as_bytes())?;
         Ok(())
     }

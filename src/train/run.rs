@@ -6,7 +6,7 @@ use super::example::Example;
 use super::example_sampler::{ExampleSampler, SceneSource};
 use super::loader::Loader;
 use super::resume::{Beginning, lock};
-use super::session::{Schedule, Session, Trained, Watcher};
+use super::session::{Best, Schedule, Session, Trained, Watcher};
 use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleSource};
 use super::vgg_file::Features;
 use candle_core::Device;
@@ -153,6 +153,11 @@ pub fn run(
     if training.dry_run {
         return Ok(summary);
     }
+    clear(&folder).map_err(|source| WriteError { path: folder.clone(), source })?;
+    if let Some(own) = &beginning.own {
+        // The process that wrote the checkpoint may have ended before it updated `best.json`.
+        Best::note(&folder, own.state.step, own.state.validation_psnr_db)?;
+    }
     if let Some(own) = beginning.own.as_ref().filter(|own| own.state.step >= training.steps) {
         summary.trained = Some(Trained {
             step: own.state.step,
@@ -165,7 +170,6 @@ pub fn run(
         });
         return Ok(summary);
     }
-    clear(&folder).map_err(|source| WriteError { path: folder.clone(), source })?;
     let validation = validation(&training, &settings)?;
     let schedule = schedule(&training);
     let steps = beginning.step()..schedule.until;
