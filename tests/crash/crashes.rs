@@ -31,7 +31,8 @@ fn test(phase: &Phase, states: &States) -> Vec<String> {
                             state.point
                         );
                         let mut failures = failures.lock().unwrap();
-                        let (count, _) = failures.entry(reason).or_insert((0, text));
+                        let (count, _) =
+                            failures.entry(without_random(&reason)).or_insert((0, text));
                         *count += 1;
                     }
                 }
@@ -43,6 +44,18 @@ fn test(phase: &Phase, states: &States) -> Vec<String> {
         .iter()
         .map(|(reason, (count, first))| format!("{count} x {reason}\n  first: {first}"))
         .collect()
+}
+
+/// Replaces the random ends of temporary names, so that equal failures have equal descriptions.
+fn without_random(reason: &str) -> String {
+    let mut parts = reason.split(".tmp-");
+    let mut text = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let end = part.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(part.len());
+        text += ".tmp-*";
+        text += &part[end..];
+    }
+    text
 }
 
 /// Crashes every command at every `every`-th operation, with at most `most` subsets of lost operations.
