@@ -3,9 +3,8 @@
 
 use crate::run::{Run, keys};
 use crate::store::Store;
-use render::atomic_file::{self, is_temporary};
+use render::atomic_file::{self, is_unfinished};
 use render::merge::is_written;
-use std::path::Path;
 
 /// Removes the leftovers of killed processes from a run. The caller must hold the run's lock. Ignores errors.
 pub(super) fn sweep(run: &Run) {
@@ -44,13 +43,6 @@ const STORED: [(&str, u32); 8] = [
 fn sweep_folders(run: &Run, folders: &[(&str, u32)]) {
     for &(name, depth) in folders {
         let folder = run.root().join(name);
-        atomic_file::sweep(&folder, depth, &|path| is_temporary(path) || is_staged(path));
+        atomic_file::sweep(&folder, depth, &is_unfinished);
     }
-}
-
-/// True if the path has the name of an unfinished put of the local store, such as `tuple.exr#1`.
-fn is_staged(path: &Path) -> bool {
-    let name = path.file_name().map(|name| name.to_string_lossy());
-    let number = name.as_ref().and_then(|name| name.rsplit_once('#'));
-    number.is_some_and(|(_, n)| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }

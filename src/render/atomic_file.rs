@@ -25,6 +25,16 @@ pub fn is_temporary(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY_PREFIX))
 }
 
+/// True if `path` has the temporary name of an unfinished file or folder, or that of an unfinished put into a local
+/// store, such as `tuple.exr#1`.
+pub fn is_unfinished(path: &Path) -> bool {
+    let name = path.file_name().map(|name| name.to_string_lossy());
+    let number = name.as_ref().and_then(|name| name.rsplit_once('#'));
+    let is_put =
+        number.is_some_and(|(_, n)| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()));
+    is_put || is_temporary(path)
+}
+
 /// Removes files that `is_leftover` accepts from a folder and its subfolders, down to `depth` levels. The caller must
 /// be the only user of the folder. Skips files that cannot be removed, because they do no harm.
 pub fn sweep(folder: &Path, depth: u32, is_leftover: &dyn Fn(&Path) -> bool) {

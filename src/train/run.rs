@@ -1,6 +1,6 @@
 //! The training of one stage in a run's folder, resumed from its checkpoints.
 
-use super::checkpoint::{clear, code_path, stage_folder};
+use super::checkpoint::{clear, code_path, prune, stage_folder, steps};
 use super::error::TrainError;
 use super::example::Example;
 use super::example_sampler::{ExampleSampler, SceneSource};
@@ -157,6 +157,12 @@ pub fn run(
     if let Some(own) = &beginning.own {
         // The process that wrote the checkpoint may have ended before it updated `best.json`.
         Best::note(&folder, own.state.step, own.state.validation_psnr_db)?;
+        // Nor removed old checkpoints. If newer ones are damaged, the old ones stay.
+        if steps(&folder).last() == Some(&own.state.step) {
+            let best = Best::read(&folder).map(|best| best.step);
+            prune(&folder, training.keep, best)
+                .map_err(|source| WriteError { path: folder.clone(), source })?;
+        }
     }
     if let Some(own) = beginning.own.as_ref().filter(|own| own.state.step >= training.steps) {
         summary.trained = Some(Trained {

@@ -1,49 +1,36 @@
 //! Crashes after every k-th operation of plan, work, merge, training and export.
 
+use super::parallel::each;
 use super::phase::{Phase, phases};
 use super::recording::can_trace;
 use super::recovery::check;
-use super::states::States;
+use super::states::{State, States};
 use std::collections::BTreeMap;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Number of failures that a test shows per phase.
 const SHOWN: usize = 12;
 
-/// Tests the states of a phase on all processors; returns the descriptions of wrong or lost results.
+/// Tests the states of a phase; returns the descriptions of wrong or lost results, each with its first state.
 fn test(phase: &Phase, states: &States) -> Vec<String> {
-    let (next, failures) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
     let end = phase.journal.events.len();
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    std::thread::scope(|scope| {
-        for _ in 0..threads {
-            scope.spawn(|| {
-                while let Some(state) = states.states.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    if let Err(reason) = check(phase, state, end) {
-                        let last = match state.point.checked_sub(1) {
-                            Some(last) => &phase.journal.events[last].text,
-                            None => "nothing",
-                        };
-                        let lost = &state.lost;
-                        let text = format!(
-                            "crash at {} of {end}, after {last}; lost: {lost:#?}",
-                            state.point
-                        );
-                        let mut failures = failures.lock().unwrap();
-                        let (count, _) =
-                            failures.entry(without_random(&reason)).or_insert((0, text));
-                        *count += 1;
-                    }
-                }
-            });
-        }
+    let failures = each(&states.states, |state| {
+        check(phase, state, end).map_err(|reason| (without_random(&reason), state))
     });
-    let failures = failures.into_inner().unwrap();
-    failures
-        .iter()
-        .map(|(reason, (count, first))| format!("{count} x {reason}\n  first: {first}"))
-        .collect()
+    let mut kinds: BTreeMap<String, Vec<&State>> = BTreeMap::new();
+    for (reason, state) in failures {
+        kinds.entry(reason).or_default().push(state);
+    }
+    let describe = |(reason, states): (String, Vec<&State>)| {
+        let first = states.iter().min_by_key(|state| (state.point, state.lost.len())).unwrap();
+        let last = match first.point.checked_sub(1) {
+            Some(last) => &phase.journal.events[last].text,
+            None => "nothing",
+        };
+        let State { point, lost, .. } = first;
+        let count = states.len();
+        format!("{count} x {reason}\n  first: crash at {point} of {end}, after {last}: {lost:#?}")
+    };
+    kinds.into_iter().map(describe).collect()
 }
 
 /// Replaces the random ends of temporary names, so that equal failures have equal descriptions.
@@ -66,7 +53,7 @@ fn crash(every: usize, most: usize, least_points: usize) {
     let (mut points, mut wrong) = (0, Vec::new());
     for phase in phases() {
         let states = States::of(&phase.journal, every, most);
-        let found = test(&phase, &states);
+        let found = test(phase, &states);
         eprintln!(
             "{}: {} operations, {} crash points, {} subsets, {} states; wrong or lost results: {}",
             phase.name,

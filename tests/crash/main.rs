@@ -9,10 +9,14 @@
 mod calls;
 mod crashes;
 mod disk;
+mod errors;
+mod held;
 mod journal;
+mod parallel;
 mod phase;
 mod recording;
 mod recovery;
+mod short_reads;
 mod states;
 #[path = "../support/mod.rs"]
 mod support;

@@ -6,6 +6,7 @@ use super::recording::record;
 use crate::support::program::command;
 use crate::support::scenes::{partials, put_partials};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use tempfile::TempDir;
 
 /// Three scenes of four shards.
@@ -56,6 +57,12 @@ impl Phase {
         Self { name, arguments, journal, reference }
     }
 
+    /// True if the command owns its folder, and removes all leftovers there. A folder given by `--out` may hold files of
+    /// other programs.
+    pub(crate) fn is_owner(&self) -> bool {
+        !matches!(self.name, "render" | "sample")
+    }
+
     /// Returns pairs of a file, whose presence promises others, and the folder or file that it promises.
     pub(crate) fn promises(&self) -> Vec<(PathBuf, PathBuf)> {
         let mut promises = Vec::new();
@@ -77,15 +84,16 @@ impl Phase {
     }
 }
 
-/// Records the commands of a run from its plan to its exports.
-pub(crate) fn phases() -> Vec<Phase> {
-    let mut recipe = Disk::read(scratch().path());
-    let ino = recipe.add(false);
-    let bytes = RECIPE.as_bytes().to_vec().into();
-    recipe.nodes[ino] = super::disk::Node::File(bytes);
-    let name = "tiny.toml".to_owned();
-    recipe.apply(&super::disk::Operation::Link { folder: 0, name, ino }, super::disk::Fate::Kept);
-    let plan = Phase::record("plan", &recipe.tree(), "plan tiny.toml --out run --tile 16 -j 1");
+/// Returns the commands of a run from its plan to its exports, recorded once.
+pub(crate) fn phases() -> &'static [Phase] {
+    static PHASES: OnceLock<Vec<Phase>> = OnceLock::new();
+    PHASES.get_or_init(record_phases)
+}
+
+fn record_phases() -> Vec<Phase> {
+    let recipe =
+        Tree::from([(PathBuf::from("tiny.toml"), Some(RECIPE.as_bytes().to_vec().into()))]);
+    let plan = Phase::record("plan", &recipe, "plan tiny.toml --out run --tile 16 -j 1");
     let work = Phase::record("work", &plan.reference, "work run -j 1");
     let merge = Phase::record("merge", &with_partials(&plan.reference), "merge run -j 1");
     let train = "train run --stage backtrack --steps 3 --checkpoint-every 1 --keep 2 -j 1";
@@ -95,7 +103,15 @@ pub(crate) fn phases() -> Vec<Phase> {
         export("export of pairs", "export run --out out --format pairs -j 1"),
         export("export of shards", "export run --out out --format webdataset -j 1"),
     ];
-    [plan, work, merge, train].into_iter().chain(exports).collect()
+    let mut scene = plan.reference.clone();
+    let lines = String::from_utf8_lossy(scene[Path::new("run/manifest.jsonl")].as_ref().unwrap());
+    let line = lines.lines().next().unwrap().as_bytes().to_vec();
+    scene.insert("scene.json".into(), Some(line.into()));
+    let render = "render scene.json --root sample=run/inputs/sample --out pictures -j 1";
+    let render = Phase::record("render", &scene, render);
+    let sample = "sample made --count 2 --width 32 --height 24 -j 1";
+    let sample = Phase::record("sample", &Tree::new(), sample);
+    [plan, work, merge, train].into_iter().chain(exports).chain([render, sample]).collect()
 }
 
 /// Adds the partials of all scenes to a planned run.
