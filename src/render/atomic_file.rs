@@ -309,6 +309,31 @@ mod tests {
     }
 
     #[test]
+    fn a_folder_is_created_with_its_parents_and_removed_with_its_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a/b/c");
+        create_dir(&path).unwrap();
+        create_dir(&path).unwrap();
+        write_whole(&path.join("file"), b"one").unwrap();
+        sync_names([path.join("file"), dir.path().join("a/file")]).unwrap();
+        append_line(&path.join("list"), "one").unwrap();
+        append_line(&path.join("list"), "two").unwrap();
+        assert_eq!(fs::read_to_string(path.join("list")).unwrap(), "one\ntwo\n");
+        assert!(create_dir(&path.join("file/d")).is_err());
+        remove_dir(&path).unwrap();
+        assert_eq!(fs::read_dir(dir.path().join("a/b")).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn unfinished_files_have_one_of_two_names() {
+        for (name, is_one) in
+            [(".tmp-a", true), ("a.exr#12", true), ("a#", false), ("a#b", false), ("a", false)]
+        {
+            assert_eq!(is_unfinished(&Path::new("folder").join(name)), is_one, "{name}");
+        }
+    }
+
+    #[test]
     fn an_error_names_the_file() {
         let error = write(Path::new("/nonexistent/folder/x.exr"), b"").unwrap_err();
         assert!(error.to_string().contains("/nonexistent/folder/x.exr"));

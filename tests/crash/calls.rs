@@ -67,16 +67,13 @@ pub(crate) fn parse(log: &str) -> Vec<Moment> {
             begun.push((thread, start.trim_end().to_owned()));
             continue;
         }
-        let whole = match rest.strip_prefix("<... ") {
-            Some(resumed) => {
-                let (_, end) = resumed.split_once("resumed>").unwrap_or_else(|| panic!("{line}"));
-                let at = begun.iter().position(|(of, _)| *of == thread);
-                begun.swap_remove(at.unwrap_or_else(|| panic!("{line:.80}: never entered"))).1 + end
-            }
-            None => {
-                moments.push(Moment::Entered(call(thread, rest)));
-                rest.to_owned()
-            }
+        let whole = if let Some(resumed) = rest.strip_prefix("<... ") {
+            let (_, end) = resumed.split_once("resumed>").unwrap_or_else(|| panic!("{line}"));
+            let at = begun.iter().position(|(of, _)| *of == thread);
+            begun.swap_remove(at.unwrap_or_else(|| panic!("{line:.80}: never entered"))).1 + end
+        } else {
+            moments.push(Moment::Entered(call(thread, rest)));
+            rest.to_owned()
         };
         // A call that its process never left has a `?` as its result.
         if let Some((arguments, result)) = whole.rsplit_once(" = ")

@@ -13,7 +13,7 @@ const SHOWN: usize = 12;
 /// Tests the states of a phase; returns the descriptions of wrong or lost results, each with its first state.
 fn test(phase: &Phase, states: &States) -> Vec<String> {
     let end = phase.journal.events.len();
-    let failures = each(&states.states, |state| {
+    let failures = each(&states.different, |state| {
         check(phase, state, end).map_err(|reason| (without_random(&reason), state))
     });
     let mut kinds: BTreeMap<String, Vec<&State>> = BTreeMap::new();
@@ -60,7 +60,7 @@ fn crash(every: usize, most: usize, least_points: usize) {
             phase.journal.events.len(),
             states.points,
             states.subsets,
-            states.states.len(),
+            states.different.len(),
             found.len(),
         );
         points += states.points;

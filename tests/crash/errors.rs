@@ -18,15 +18,15 @@ const FAULTS: [(&str, &str, &str); 7] = [
     ("read,pread64", "EIO", "Input/output error"),
 ];
 
-/// A fault in the `when`-th of the calls of each thread.
-struct Fault<'a> {
+/// A failure of the `when`-th of the calls of each thread.
+struct Injected<'a> {
     phase: &'a Phase,
     fault: (&'static str, &'static str, &'static str),
     when: usize,
 }
 
-fn inject(fault: &Fault) -> Result<(), String> {
-    let Fault { phase, fault: (calls, error, words), when } = fault;
+fn inject(injected: &Injected) -> Result<(), String> {
+    let Injected { phase, fault: (calls, error, words), when } = injected;
     let folder = scratch();
     let at = folder.path();
     put_tree(&phase.journal.before.tree(), at);
@@ -83,7 +83,7 @@ fn fail(most: usize, step: usize, last: usize) {
     let mut faults = Vec::new();
     for phase in phases {
         for fault in FAULTS {
-            faults.extend(moments.iter().map(|&when| Fault { phase, fault, when }));
+            faults.extend(moments.iter().map(|&when| Injected { phase, fault, when }));
         }
     }
     let wrong = each(&faults, inject);

@@ -39,7 +39,7 @@ fn run_and_act(folder: &Path, calls: &str, arguments: &[&str], act: impl FnOnce(
         let line = log.lines().find(|line| line.contains("stopped by SIGSTOP"));
         line.and_then(|line| line.split(' ').next()).map(str::to_owned)
     };
-    let thread = watched.wait(|| stopped()).expect("the command reaches the call");
+    let thread = watched.wait(stopped).expect("the command reaches the call");
     act();
     // Other threads stop at their own first call.
     let watched_end = watched.wait(|| {

@@ -5,6 +5,7 @@ use super::phase::{Phase, run_in, scratch};
 use super::states::State;
 use render::atomic_file::is_temporary;
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Checks a state; returns a description of the first wrong or lost result.
@@ -30,7 +31,37 @@ pub(crate) fn recovered(phase: &Phase, folder: &Path) -> Result<(), String> {
     if !phase.is_owner() {
         found.retain(|path, _| !path.file_name().is_some_and(|name| is_temporary(Path::new(name))));
     }
+    has_events_of_all_steps(&found)?;
     same(&found, &phase.reference)
+}
+
+/// Checks that TensorBoard's files of a training have every step, possibly twice.
+fn has_events_of_all_steps(tree: &Tree) -> Result<(), String> {
+    let mut steps = BTreeSet::new();
+    for (path, bytes) in tree {
+        if let (true, Some(bytes)) = (path.to_str().unwrap().contains("tfevents"), bytes) {
+            steps.extend(steps_of_events(bytes));
+        }
+    }
+    if steps.is_empty() || steps.into_iter().eq(1..=3) {
+        return Ok(());
+    }
+    Err("TensorBoard's events lack a step".to_owned())
+}
+
+/// Reads the steps of TFRecords (length, checksum, content, checksum) of events with a time (a double), a step and a
+/// summary. A killed process may have left a part of the last record.
+fn steps_of_events(mut bytes: &[u8]) -> Vec<u8> {
+    let mut steps = Vec::new();
+    while let Some((length, rest)) = bytes.split_at_checked(8) {
+        let length = u64::from_le_bytes(length.try_into().unwrap()) as usize;
+        let Some(event) = rest.get(4..4 + length) else { break };
+        if let Some([0x10, step, 0x2a, ..]) = event.get(9..) {
+            steps.push(*step);
+        }
+        bytes = rest.get(8 + length..).unwrap_or_default();
+    }
+    steps
 }
 
 /// Checks, without running anything, that files whose presence promises other files keep the promise, and that a

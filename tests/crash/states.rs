@@ -22,7 +22,7 @@ pub(crate) struct States {
     pub(crate) points: usize,
     /// Number of subsets, of which many leave the same state.
     pub(crate) subsets: usize,
-    pub(crate) states: Vec<State>,
+    pub(crate) different: Vec<State>,
 }
 
 impl States {
@@ -41,7 +41,7 @@ impl States {
                     let lost = fates.iter().filter(|(_, fate)| *fate != Fate::Kept);
                     let lost =
                         lost.map(|&(i, fate)| format!("{fate:?}: {}", journal.events[i].text));
-                    states.states.push(State { tree, point, lost: lost.collect() });
+                    states.different.push(State { tree, point, lost: lost.collect() });
                 }
             }
         }
