@@ -16,6 +16,10 @@ build:
 test:
     cargo test --release
 
+# all crash points and failing calls: minutes
+crash:
+    cargo test --release --test crash -- --ignored --nocapture a_crash every_failing
+
 fmt:
     cargo fmt
 

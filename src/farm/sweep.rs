@@ -3,17 +3,14 @@
 
 use crate::run::{Run, keys};
 use crate::store::Store;
-use render::atomic_file::{self, is_temporary};
+use render::atomic_file::{self, is_unfinished};
 use render::merge::is_written;
-use std::path::Path;
 
 /// Removes the leftovers of killed processes from a run. The caller must hold the run's lock. Ignores errors.
 pub(super) fn sweep(run: &Run) {
     // Depth 5 covers the input folders of DIODE: source / train / indoors / scene / scan.
-    let folders =
-        [("", 0), ("quarantine", 0), ("report", 0), ("noise", 0), ("logs", 0), ("inputs", 5)];
-    sweep_folders(run, &folders);
-    sweep_folders(run, &SCENE_FOLDERS);
+    sweep_folders(run, &[("", 0), ("report", 0), ("inputs", 5)]);
+    sweep_folders(run, &STORED);
     for line in &run.lines {
         if is_written(&run.path(&keys::tuple_folder(&line.id)), line) {
             let _ = std::fs::remove_dir_all(run.path(&keys::partials(&line.id)));
@@ -26,23 +23,26 @@ pub(super) fn sweep(run: &Run) {
 /// the end of a run: the removal may make a late put fail, but the store already has that object then.
 pub(super) fn sweep_staged(run: &Run, store: &Store) {
     if store.is_local() {
-        sweep_folders(run, &SCENE_FOLDERS);
-        sweep_folders(run, &[("receipts", 0), ("noise", 0)]);
+        sweep_folders(run, &STORED);
     }
 }
 
-const SCENE_FOLDERS: [(&str, u32); 3] = [("tuples", 1), ("partials", 1), ("attempts", 1)];
+/// Folders of the objects that workers put into the store, with the depth of their subfolders.
+const STORED: [(&str, u32); 8] = [
+    (keys::TUPLES, 1),
+    (keys::PARTIALS, 1),
+    (keys::ATTEMPTS, 1),
+    (keys::QUARANTINE, 0),
+    (keys::NOISE, 0),
+    (keys::LOGS, 0),
+    (keys::RECEIPTS, 0),
+    // A key of a scene below the name of a worker.
+    (keys::CONFLICTS, 3),
+];
 
 fn sweep_folders(run: &Run, folders: &[(&str, u32)]) {
     for &(name, depth) in folders {
         let folder = run.root().join(name);
-        atomic_file::sweep(&folder, depth, &|path| is_temporary(path) || is_staged(path));
+        atomic_file::sweep(&folder, depth, &is_unfinished);
     }
-}
-
-/// True if the path has the name of an unfinished put of the local store, such as `tuple.exr#1`.
-fn is_staged(path: &Path) -> bool {
-    let name = path.file_name().map(|name| name.to_string_lossy());
-    let number = name.as_ref().and_then(|name| name.rsplit_once('#'));
-    number.is_some_and(|(_, n)| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }

@@ -5,8 +5,10 @@ use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, kind_by_name, kind_of, schema_of};
 use super::{archive, lists, manifest, partial, picture, record, tuple};
+use render::atomic_file::is_unfinished;
 use render::layer::Layer;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
 
 /// Number of bytes at the start of a file that decide its kind.
 pub(super) const HEAD_BYTES: usize = 1 << 16;
@@ -56,6 +58,7 @@ fn read(kind: Kind, input: &Input) -> Inspection {
         | Kind::Metrics
         | Kind::EvaluationRows
         | Kind::EvaluationTable
+        | Kind::Card
         | Kind::Sums
         | Kind::Written
         | Kind::Report => lists::read(kind, input),
@@ -96,7 +99,7 @@ fn unknown(input: &Input, kind: Kind) -> Inspection {
             found.is_whole("a lock has no bytes");
             return found;
         }
-        _ if input.name.starts_with(".tmp-") => Problem::new(
+        _ if is_unfinished(Path::new(input.name)) => Problem::new(
             "a process is writing it, or left it when it was killed",
             "delete it if no process works in the folder",
         ),

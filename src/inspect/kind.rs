@@ -53,6 +53,7 @@ kinds! {
     Output "output" "JSON that a command of this program printed"
     Archive "archive" "tar archive"
     Listing "listing" "list of an exported data set, one sample per line"
+    Card "card" "README.md, the card of an exported data set"
     Croissant "croissant" "croissant.json, the description of an exported data set"
     Sums "sums" "SHA256SUMS, digests of the files beside it"
     Report "report" "report page"
@@ -142,6 +143,9 @@ fn text_kind(name: &str, text: &str) -> Option<Kind> {
     }
     if first.starts_with("| Method") || text.contains("\n| Method") {
         return Some(Kind::EvaluationTable);
+    }
+    if first == "---" && text.contains("\n- reflection-separation\n") {
+        return Some(Kind::Card);
     }
     if is_sum(first) {
         return Some(Kind::Sums);

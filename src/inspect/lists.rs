@@ -35,6 +35,11 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
             let calls: Vec<Written> = json_lines(&mut found, text);
             count(&mut found, "files", calls.iter().map(|call| call.files.len()).sum());
         }
+        Kind::Card => {
+            let name = text.lines().find_map(|line| line.strip_prefix("pretty_name: "));
+            let name = name.and_then(|name| serde_json::from_str::<String>(name).ok());
+            found.facts.value("name", name.unwrap_or_default());
+        }
         Kind::Sums => {
             let names: Vec<&str> = text.lines().filter_map(|line| line.get(66..)).collect();
             let files = many(names.len() as u64, "file");
@@ -59,6 +64,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         found.wrong(Problem::new("its last line is truncated", AGAIN).at(place));
     }
     found.may_be_whole(match kind {
+        Kind::Card => "a card has no digest; `sha256sum -c SHA256SUMS` compares it",
         Kind::Sums => "`sha256sum -c SHA256SUMS` compares the files beside it",
         _ => "every line can be read; files of this kind have no digest",
     });

@@ -320,7 +320,7 @@ mod tests {
                 Checked::Sound { bytes: length, size } => {
                     assert_eq!((length, size), (bytes.len() as u64, Some([count, 1])));
                 }
-                wrong @ Checked::Wrong(_) => panic!("{wrong:?}"),
+                wrong => panic!("{wrong:?}"),
             }
             bytes.pop();
             atomic_file::write_relaxed(&path, &bytes).unwrap();

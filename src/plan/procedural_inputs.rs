@@ -2,6 +2,7 @@
 
 use procedural::{SampleError, SampleFiles, SamplePhotograph};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
+use render::atomic_file;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -38,7 +39,7 @@ fn inputs_folder(run: &Path, source: &str) -> PathBuf {
     run.join("inputs").join(source)
 }
 
-/// Writes the photographs that are missing from the run's folder. `on_photograph` receives the number of photographs
+/// Writes the photographs that are missing from the run's folder, durably. `on_photograph` receives the number of photographs
 /// that this call has written so far, and the number that were missing at its start.
 pub fn make_photographs(
     run: &Path,
@@ -52,7 +53,7 @@ pub fn make_photographs(
     }
     let done = AtomicUsize::new(0);
     on_photograph(0, missing.len());
-    let make = || {
+    let make = || -> Result<(), SampleError> {
         missing.par_iter().try_for_each(|made| {
             let [width, height] = made.size;
             procedural::write(&inputs_folder(run, &made.root), &made.photograph, width, height)?;
@@ -62,10 +63,15 @@ pub fn make_photographs(
         })
     };
     match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
-        Ok(pool) => pool.install(make),
+        Ok(pool) => pool.install(make)?,
         // If the system cannot start threads, the caller's pool does the work.
-        Err(_) => make(),
+        Err(_) => make()?,
     }
+    let paths = missing.iter().flat_map(|made| {
+        let folder = inputs_folder(run, &made.root);
+        made.photograph.paths().into_iter().map(move |path| folder.join(path))
+    });
+    Ok(atomic_file::sync_names(paths)?)
 }
 
 /// Files of procedural photographs. Renders a photograph once, at the first read of a file that is not on disk.

@@ -65,9 +65,9 @@ pub fn write(
     if let Some(folder) = color_path.parent() {
         atomic_file::create_dir(folder)?;
     }
-    atomic_file::write_relaxed(&root.join(photograph.depth_path()), &files.depth)?;
-    atomic_file::write_relaxed(&root.join(photograph.mask_path()), &files.mask)?;
-    atomic_file::write_relaxed(&color_path, &files.color)?;
+    atomic_file::write_whole(&root.join(photograph.depth_path()), &files.depth)?;
+    atomic_file::write_whole(&root.join(photograph.mask_path()), &files.mask)?;
+    atomic_file::write_whole(&color_path, &files.color)?;
     Ok(())
 }
 

@@ -110,7 +110,7 @@ pub fn write_places(
         if let Some(folder) = path.parent() {
             atomic_file::create_dir(folder)?;
         }
-        atomic_file::write_relaxed(path, &bytes)?;
+        atomic_file::write_whole(path, &bytes)?;
     }
     Ok(())
 }

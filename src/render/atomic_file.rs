@@ -1,7 +1,9 @@
 //! Atomic writes of files and folders: temporary name, fsync, rename, fsync of the folder.
 //!
-//! A reader sees a whole file or none. After a durable write, this also holds if the power is cut.
+//! A reader sees a whole file or none. After a power cut this holds for [`write()`] and [`write_whole`]; after
+//! [`write_relaxed`], the file may be empty.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, IntoInnerError, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -23,6 +25,16 @@ pub fn is_temporary(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(TEMPORARY_PREFIX))
 }
 
+/// True if `path` has the temporary name of an unfinished file or folder, or that of an unfinished put into a local
+/// store, such as `tuple.exr#1`.
+pub fn is_unfinished(path: &Path) -> bool {
+    let name = path.file_name().map(|name| name.to_string_lossy());
+    let number = name.as_ref().and_then(|name| name.rsplit_once('#'));
+    let is_put =
+        number.is_some_and(|(_, n)| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()));
+    is_put || is_temporary(path)
+}
+
 /// Removes files that `is_leftover` accepts from a folder and its subfolders, down to `depth` levels. The caller must
 /// be the only user of the folder. Skips files that cannot be removed, because they do no harm.
 pub fn sweep(folder: &Path, depth: u32, is_leftover: &dyn Fn(&Path) -> bool) {
@@ -37,27 +49,45 @@ pub fn sweep(folder: &Path, depth: u32, is_leftover: &dyn Fn(&Path) -> bool) {
     }
 }
 
-/// Creates `dir` and its parents.
+/// Creates `dir` and its missing parents, durably: without the entries of its folders, a power cut would lose a synced
+/// file.
 pub fn create_dir(dir: &Path) -> Result<(), WriteError> {
-    fs::create_dir_all(dir).map_err(|source| WriteError { path: dir.to_owned(), source })
+    let create = || -> io::Result<()> {
+        let mut new = dir;
+        let mut changed = Vec::new();
+        while !new.as_os_str().is_empty() && !new.exists() {
+            let parent = folder_of(new);
+            changed.push(parent);
+            new = parent;
+        }
+        fs::create_dir_all(dir)?;
+        changed.into_iter().try_for_each(sync_dir)
+    };
+    create().map_err(|source| WriteError { path: dir.to_owned(), source })
 }
 
 /// Writes `bytes` to `path`, durably: on return the file survives a power cut.
 ///
 /// The folder must exist. Replaces an existing file.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
-    write_inner(path, bytes, true).map_err(|source| WriteError { path: path.to_owned(), source })
+    write_inner(path, bytes, Wait::Durable)
 }
 
-/// Writes `bytes` to `path` atomically, without waiting for the disk.
+/// Writes `bytes` to `path` atomically and waits for the bytes, but not for the name: a power cut may lose the file as a
+/// whole until [`settle`], but never a part of it.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+    write_inner(path, bytes, Wait::Bytes)
+}
+
+/// Writes `bytes` to `path` atomically, without waiting for the disk: a power cut may leave an empty file.
 ///
-/// Suits files that are cheap to create again, such as reports and pictures.
+/// Suits files that [`settle`] makes durable before they count, and files with a digest that readers compare.
 pub fn write_relaxed(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
-    write_inner(path, bytes, false).map_err(|source| WriteError { path: path.to_owned(), source })
+    write_inner(path, bytes, Wait::No)
 }
 
-/// Appends a line to a file, or creates the file. Lines of several processes do not mix. After an unfinished line, which
-/// a killed process may have left, the new line starts on its own.
+/// Appends a line to a file, or creates the file, durably. Lines of several processes do not mix. After an unfinished
+/// line, which a killed process may have left, the new line starts on its own.
 pub fn append_line(path: &Path, line: &str) -> Result<(), WriteError> {
     let append = || -> io::Result<()> {
         let mut file = File::options().read(true).append(true).create(true).open(path)?;
@@ -68,7 +98,9 @@ pub fn append_line(path: &Path, line: &str) -> Result<(), WriteError> {
             file.read_exact(&mut last)?;
         }
         let start = if last == *b"\n" { "" } else { "\n" };
-        file.write_all(format!("{start}{line}\n").as_bytes())
+        file.write_all(format!("{start}{line}\n").as_bytes())?;
+        file.sync_all()?;
+        sync_dir(folder_of(path))
     };
     append().map_err(|source| WriteError { path: path.to_owned(), source })
 }
@@ -93,7 +125,7 @@ impl PendingFile {
         let path = self.path;
         let persist = || {
             let file = self.writer.into_inner().map_err(IntoInnerError::into_error)?;
-            persist(file, &path, true)
+            persist(file, &path, Wait::Durable)
         };
         persist().map_err(|source| WriteError { path: path.clone(), source })
     }
@@ -123,6 +155,14 @@ pub fn settle(folder: &Path) -> Result<(), WriteError> {
         Ok(())
     };
     sync().map_err(|source| WriteError { path: folder.to_owned(), source })
+}
+
+/// Makes the names of files durable that [`write_whole`] wrote.
+pub fn sync_names(files: impl IntoIterator<Item = PathBuf>) -> Result<(), WriteError> {
+    let folders: BTreeSet<PathBuf> = files.into_iter().map(|f| folder_of(&f).to_owned()).collect();
+    let sync =
+        |folder: PathBuf| sync_dir(&folder).map_err(|source| WriteError { path: folder, source });
+    folders.into_iter().try_for_each(sync)
 }
 
 /// Creates a folder with all its files atomically: `fill` writes the files into a temporary folder, which is then
@@ -159,10 +199,32 @@ pub fn write_dir<E: From<WriteError>>(
     Ok(renamed?)
 }
 
-fn write_inner(path: &Path, bytes: &[u8], durable: bool) -> io::Result<()> {
-    let mut file = temporary(path)?;
-    file.write_all(bytes)?;
-    persist(file, path, durable)
+/// What a write waits for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Wait {
+    No,
+    Bytes,
+    /// Bytes and name.
+    Durable,
+}
+
+/// Removes a folder with all its files. After a crash, it is whole, or its rest has a temporary name.
+pub fn remove_dir(path: &Path) -> io::Result<()> {
+    let parent = folder_of(path);
+    let bin = tempfile::Builder::new().prefix(TEMPORARY_PREFIX).tempdir_in(parent)?;
+    fs::rename(path, bin.path())?;
+    // Without the sync, a power cut could keep the old name and lose files.
+    sync_dir(parent)?;
+    bin.close()
+}
+
+fn write_inner(path: &Path, bytes: &[u8], wait: Wait) -> Result<(), WriteError> {
+    let write = || -> io::Result<()> {
+        let mut file = temporary(path)?;
+        file.write_all(bytes)?;
+        persist(file, path, wait)
+    };
+    write().map_err(|source| WriteError { path: path.to_owned(), source })
 }
 
 /// Creates an empty temporary file beside `path`.
@@ -177,22 +239,22 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-fn persist(file: NamedTempFile, path: &Path, durable: bool) -> io::Result<()> {
+fn persist(file: NamedTempFile, path: &Path, wait: Wait) -> io::Result<()> {
     // tempfile creates files that only their owner can read, but results must be readable by others.
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
         file.as_file().set_permissions(fs::Permissions::from_mode(0o644))?;
     }
-    if durable {
+    if wait != Wait::No {
         file.as_file().sync_all()?;
     }
     file.persist(path).map_err(|e| e.error)?;
-    if durable { sync_dir(folder_of(path)) } else { Ok(()) }
+    if wait == Wait::Durable { sync_dir(folder_of(path)) } else { Ok(()) }
 }
 
-/// Makes a rename or removal inside `folder` durable.
-fn sync_dir(folder: &Path) -> io::Result<()> {
+/// Makes a new name, a rename or a removal inside `folder` durable.
+pub fn sync_dir(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }
 
@@ -244,6 +306,31 @@ mod tests {
         settle(dir.path()).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"two");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_folder_is_created_with_its_parents_and_removed_with_its_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a/b/c");
+        create_dir(&path).unwrap();
+        create_dir(&path).unwrap();
+        write_whole(&path.join("file"), b"one").unwrap();
+        sync_names([path.join("file"), dir.path().join("a/file")]).unwrap();
+        append_line(&path.join("list"), "one").unwrap();
+        append_line(&path.join("list"), "two").unwrap();
+        assert_eq!(fs::read_to_string(path.join("list")).unwrap(), "one\ntwo\n");
+        assert!(create_dir(&path.join("file/d")).is_err());
+        remove_dir(&path).unwrap();
+        assert_eq!(fs::read_dir(dir.path().join("a/b")).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn unfinished_files_have_one_of_two_names() {
+        for (name, is_one) in
+            [(".tmp-a", true), ("a.exr#12", true), ("a#", false), ("a#b", false), ("a", false)]
+        {
+            assert_eq!(is_unfinished(&Path::new("folder").join(name)), is_one, "{name}");
+        }
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Locks that exclude other processes from a folder.
 
+use super::atomic_file::sync_dir;
 use std::fs::{File, TryLockError};
 use std::io;
 use std::os::unix::fs::MetadataExt;
@@ -13,10 +14,15 @@ pub struct FolderLock {
 }
 
 impl FolderLock {
-    /// Locks the file `path`, which is created if absent; returns `None` if another process holds the lock.
+    /// Locks the file `path`; returns `None` if another process holds the lock. Creates the file durably if it is absent:
+    /// after a power cut, it shows that the folder belongs to the program.
     pub fn try_new(path: &Path) -> io::Result<Option<Self>> {
         loop {
+            let is_new = !path.exists();
             let file = File::options().create(true).append(true).open(path)?;
+            if let (true, Some(folder)) = (is_new, path.parent()) {
+                sync_dir(folder)?;
+            }
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => return Ok(None),

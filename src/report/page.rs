@@ -68,7 +68,7 @@ pub fn write_report(run: &Run, store: &Store, path: Option<&Path>) -> Result<Rep
     if let Some(folder) = path.parent() {
         atomic_file::create_dir(folder)?;
     }
-    atomic_file::write_relaxed(&path, page.as_bytes())?;
+    atomic_file::write_whole(&path, page.as_bytes())?;
     Ok(Report {
         path,
         bytes: page.len() as u64,

@@ -14,6 +14,8 @@ pub(crate) const REJECTED: &str = "rejected.jsonl";
 pub(crate) const LOCK: &str = "work.lock";
 /// Record that the coordinator writes when every scene is done or in quarantine.
 pub const FINISHED: &str = "finished.json";
+/// The recipe's `[train]` table, if it has one.
+pub(crate) const TRAIN: &str = "train.json";
 /// Folder of procedural photographs, if planning made any.
 pub const INPUTS: &str = "inputs";
 /// Record that pauses or cancels the run.

@@ -9,7 +9,7 @@ use plan::{
     make_photographs, rejected_lines,
 };
 use procedural::SampleError;
-use render::atomic_file::{self, WriteError};
+use render::atomic_file::{self, WriteError, is_temporary};
 use render::line::{Roots, SceneLine, to_jsonl};
 use render::shard::{
     SPEC_SCHEMA, ShardLayout, Spec, SpecMismatch, TooManyShards, choose_tile_px, golden,
@@ -28,6 +28,8 @@ pub(crate) struct PlanOptions<'a> {
     pub(crate) dry_run: bool,
     /// True if planning leaves out photographs with unusable files (for a `.jsonl`, scenes).
     pub(crate) skip_invalid: bool,
+    /// Content of [`keys::TRAIN`], if the recipe has a `[train]` table.
+    pub(crate) training: Option<&'a str>,
     /// Number of threads that check input files, preview scenes, trace the golden shard and make photographs.
     pub(crate) threads: usize,
 }
@@ -156,14 +158,23 @@ pub(crate) fn plan_run(
             // Another process planned the run since the check above; its plan may be of another recipe.
             return Err(RunError::Busy { root: out.to_owned() }.into());
         }
+        if existing.is_none() {
+            // Depth 5 covers the input folders of DIODE: source / train / indoors / scene / scan.
+            atomic_file::sweep(out, 0, &is_temporary);
+            atomic_file::sweep(&out.join(keys::INPUTS), 5, &is_temporary);
+        }
         let on_photograph = |done, all| on_progress("photographs", done, all);
         make_photographs(out, &drafted.to_make, options.threads, &on_photograph)?;
         if existing.is_none() {
-            write_plan(out, &drafted, &manifest, &spec)?;
+            write_plan(out, &drafted, &manifest, &spec, options.training)?;
         }
         if !lock.is_in_place() {
             return Err(RunError::Changed { path: out.join(keys::LOCK) }.into());
         }
+    }
+    // The table may change after planning, and older versions wrote it after the spec.
+    if let (false, Some(training), true) = (options.dry_run, options.training, existing.is_some()) {
+        keep(out, keys::TRAIN, Some(training))?;
     }
     Ok(Planned { spec, drafted, existed: existing.is_some() })
 }
@@ -178,7 +189,7 @@ fn has_absolute_paths(line: &SceneLine) -> bool {
 fn check_folder(source: &Path, out: &Path) -> Result<(), PlanError> {
     let real = |path: &Path| path.canonicalize().ok();
     let is_begun = out.join(keys::LOCK).exists();
-    for name in [keys::MANIFEST, keys::REJECTED, keys::INPUTS] {
+    for name in [keys::MANIFEST, keys::REJECTED, keys::TRAIN, keys::INPUTS] {
         let path = out.join(name);
         if path.symlink_metadata().is_ok() && (!is_begun || real(&path) == real(source)) {
             return Err(PlanError::Foreign { path });
@@ -187,14 +198,34 @@ fn check_folder(source: &Path, out: &Path) -> Result<(), PlanError> {
     Ok(())
 }
 
-fn write_plan(out: &Path, drafted: &Drafted, manifest: &str, spec: &Spec) -> Result<(), PlanError> {
-    if !drafted.rejected.is_empty() {
-        let lines = rejected_lines(&drafted.rejected);
-        atomic_file::write(&out.join(keys::REJECTED), lines.as_bytes())?;
-    }
+fn write_plan(
+    out: &Path,
+    drafted: &Drafted,
+    manifest: &str,
+    spec: &Spec,
+    training: Option<&str>,
+) -> Result<(), PlanError> {
+    let rejected = (!drafted.rejected.is_empty()).then(|| rejected_lines(&drafted.rejected));
+    keep(out, keys::REJECTED, rejected.as_deref())?;
+    keep(out, keys::TRAIN, training)?;
     atomic_file::write(&out.join(keys::MANIFEST), manifest.as_bytes())?;
     // Writes the spec last, because it marks the run as planned.
     let mut json = serde_json::to_string_pretty(spec).expect("a spec is JSON");
     json.push('\n');
     Ok(atomic_file::write(&out.join(keys::SPEC), json.as_bytes())?)
+}
+
+/// Makes a file of the run hold `text`. Without a text, removes the file, which a killed planning may have left.
+fn keep(out: &Path, name: &str, text: Option<&str>) -> Result<(), WriteError> {
+    let path = out.join(name);
+    match text {
+        Some(text) if std::fs::read(&path).is_ok_and(|there| there == text.as_bytes()) => Ok(()),
+        Some(text) => atomic_file::write(&path, text.as_bytes()),
+        None => match std::fs::remove_file(&path) {
+            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+                Err(WriteError { path, source })
+            }
+            _ => Ok(()),
+        },
+    }
 }

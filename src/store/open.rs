@@ -3,6 +3,8 @@
 use super::place::Place;
 use super::{Key, Store, StoreError};
 use object_store::local::LocalFileSystem;
+use render::atomic_file::{WriteError, create_dir};
+use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -49,7 +51,19 @@ impl Store {
     pub(super) fn open_folder(path: &Path, patience: Duration) -> Result<Self, StoreError> {
         let address = || path.display().to_string();
         let invalid = |reason: String| StoreError::Address { address: address(), reason };
-        std::fs::create_dir_all(path).map_err(|e| invalid(e.to_string()))?;
+        create_dir(path).map_err(|WriteError { source, .. }| match source.kind() {
+            ErrorKind::AlreadyExists | ErrorKind::NotADirectory | ErrorKind::InvalidInput => {
+                invalid(source.to_string())
+            }
+            // The address is right, but the disk is full, or its owner forbids writing.
+            _ => StoreError::Call {
+                what: "create",
+                key: "the folder".to_owned(),
+                store: address(),
+                reason: source.to_string(),
+                passing: false,
+            },
+        })?;
         let root = path.canonicalize().map_err(|e| invalid(e.to_string()))?;
         let objects = LocalFileSystem::new_with_prefix(&root)
             .map_err(|e| invalid(e.to_string()))?

@@ -263,17 +263,19 @@ pub fn prune(stage_folder: &Path, keep: usize, best: Option<u64>) -> std::io::Re
     let old = steps.len().saturating_sub(keep.max(1));
     for step in &steps[..old] {
         if Some(*step) != best {
-            std::fs::remove_dir_all(checkpoint_folder(stage_folder, *step))?;
+            atomic_file::remove_dir(&checkpoint_folder(stage_folder, *step))?;
         }
     }
     Ok(())
 }
 
-/// Removes temporary folders of killed writers. The caller must hold the stage's lock.
+/// Removes temporary files and folders of killed writers. The caller must hold the stage's lock.
 pub fn clear(stage_folder: &Path) -> std::io::Result<()> {
     let Ok(entries) = std::fs::read_dir(stage_folder) else {
         return Ok(());
     };
+    // Depth 1 covers the pictures.
+    atomic_file::sweep(stage_folder, 1, &atomic_file::is_temporary);
     for entry in entries.flatten() {
         if atomic_file::is_temporary(&entry.path()) && entry.path().is_dir() {
             std::fs::remove_dir_all(entry.path())?;

@@ -8,6 +8,7 @@ use plan::{ExampleKind, FeatureSource};
 use render::atomic_file::{self, WriteError};
 use serde::Serialize;
 use std::fmt::{self, Write};
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 pub const EVALUATION_SCHEMA: &str = "glasshouse.evaluate/1";
@@ -113,6 +114,17 @@ impl Evaluation {
     pub const FILES: [&str; 4] =
         ["evaluation.md", "evaluation.csv", "evaluation.png", "evaluation.json"];
 
+    /// Creates a run's folder of evaluations and removes the temporary files of killed processes from it. Locks the
+    /// folder until the returned file is dropped: other evaluations of the run wait.
+    pub fn claim(folder: &Path) -> Result<File, WriteError> {
+        atomic_file::create_dir(folder)?;
+        let failed = |source| WriteError { path: folder.to_owned(), source };
+        let lock = File::open(folder).map_err(failed)?;
+        lock.lock().map_err(failed)?;
+        atomic_file::sweep(folder, 0, &atomic_file::is_temporary);
+        Ok(lock)
+    }
+
     /// Writes [`Self::FILES`]; `pictures` are the rows of the picture.
     pub fn write(
         &mut self,
@@ -130,7 +142,7 @@ impl Evaluation {
         atomic_file::create_dir(folder)?;
         atomic_file::write(&markdown, self.markdown().as_bytes())?;
         atomic_file::write(&csv, per_image_csv(&self.rows).as_bytes())?;
-        atomic_file::write_relaxed(&png, &grid.png)?;
+        atomic_file::write(&png, &grid.png)?;
         atomic_file::write(&json, pretty.as_bytes())?;
         Ok(())
     }

@@ -1,12 +1,14 @@
 //! Event files for TensorBoard: TFRecords of `Event` messages (tensorflow/core/util/event.proto) of scalars and PNGs.
 
+use render::atomic_file::{self, WriteError};
 use std::fs::File;
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 pub(super) struct EventFile {
     file: File,
+    pub(super) path: PathBuf,
 }
 
 /// Appends a number as a varint of protocol buffers.
@@ -75,10 +77,17 @@ fn picture(tag: &str, [width, height]: [u32; 2], png: &[u8]) -> Vec<u8> {
 
 impl EventFile {
     /// Creates the file for training that starts or resumes at `step`; replaces an older file for that step.
-    pub(super) fn create(folder: &Path, step: u64) -> io::Result<Self> {
-        let mut file = File::create(folder.join(format!("events.out.tfevents.{step:010}")))?;
-        file.write_all(&record(&event(now(), 0, 3, b"brain.Event:2")))?;
-        Ok(Self { file })
+    pub(super) fn create(folder: &Path, step: u64) -> Result<Self, WriteError> {
+        let path = folder.join(format!("events.out.tfevents.{step:010}"));
+        atomic_file::write(&path, &record(&event(now(), 0, 3, b"brain.Event:2")))?;
+        let file = File::options().append(true).open(&path);
+        let file = file.map_err(|source| WriteError { path: path.clone(), source })?;
+        Ok(Self { file, path })
+    }
+
+    /// Makes all events durable.
+    pub(super) fn sync(&self) -> io::Result<()> {
+        self.file.sync_data()
     }
 
     /// Adds scalars of a step.

@@ -35,7 +35,7 @@ impl Metrics {
                 }
             }
         }
-        render::atomic_file::write_relaxed(path, text.as_bytes()).map_err(|e| e.source)?;
+        render::atomic_file::write(path, text.as_bytes()).map_err(|e| e.source)?;
         let file = File::options().append(true).open(path)?;
         Ok(Self { file })
     }

@@ -1,12 +1,12 @@
 //! The training of one stage in a run's folder, resumed from its checkpoints.
 
-use super::checkpoint::{clear, code_path, stage_folder};
+use super::checkpoint::{clear, code_path, prune, stage_folder, steps};
 use super::error::TrainError;
 use super::example::Example;
 use super::example_sampler::{ExampleSampler, SceneSource};
 use super::loader::Loader;
 use super::resume::{Beginning, lock};
-use super::session::{Schedule, Session, Trained, Watcher};
+use super::session::{Best, Schedule, Session, Trained, Watcher};
 use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleSource};
 use super::vgg_file::Features;
 use candle_core::Device;
@@ -154,6 +154,17 @@ pub fn run(
     if training.dry_run {
         return Ok(summary);
     }
+    clear(&folder).map_err(|source| WriteError { path: folder.clone(), source })?;
+    if let Some(own) = &beginning.own {
+        // The process that wrote the checkpoint may have ended before it updated `best.json`.
+        Best::note(&folder, own.state.step, own.state.validation_psnr_db)?;
+        // Nor removed old checkpoints. If newer ones are damaged, the old ones stay.
+        if steps(&folder).last() == Some(&own.state.step) {
+            let best = Best::read(&folder).map(|best| best.step);
+            prune(&folder, training.keep, best)
+                .map_err(|source| WriteError { path: folder.clone(), source })?;
+        }
+    }
     if let Some(own) = beginning.own.as_ref().filter(|own| own.state.step >= training.steps) {
         summary.trained = Some(Trained {
             step: own.state.step,
@@ -166,7 +177,6 @@ pub fn run(
         });
         return Ok(summary);
     }
-    clear(&folder).map_err(|source| WriteError { path: folder.clone(), source })?;
     let validation = validation(&training, &settings)?;
     let schedule = schedule(&training);
     let steps = beginning.step()..schedule.until;

@@ -36,6 +36,13 @@ pub struct Schedule {
     pub pictures_every: u64,
 }
 
+impl Schedule {
+    fn has_pictures(&self, step: u64) -> bool {
+        let every = self.pictures_every;
+        every > 0 && (step.is_multiple_of(every) || step == self.until)
+    }
+}
+
 /// A receiver of the events of training.
 pub trait Watcher {
     /// Reports the steps to train and the number of examples per step.
@@ -85,6 +92,22 @@ impl Best {
     pub fn read(stage_folder: &Path) -> Option<Self> {
         let bytes = render::input_file::read(&stage_folder.join("best.json")).ok()?;
         serde_json::from_slice(&bytes).ok()
+    }
+
+    /// Updates `best.json` if the checkpoint of `step`, with this PSNR of the validation scenes, is better.
+    pub(super) fn note(
+        stage_folder: &Path,
+        step: u64,
+        psnr_db: Option<f64>,
+    ) -> Result<(), TrainError> {
+        let best = Self::read(stage_folder).map(|best| best.validation_psnr_db);
+        let Some(validation_psnr_db) = psnr_db.filter(|db| best.is_none_or(|best| best < *db))
+        else {
+            return Ok(());
+        };
+        let json = serde_json::to_vec(&Self { step, validation_psnr_db });
+        let json = json.map_err(candle_core::Error::wrap)?;
+        Ok(atomic_file::write(&stage_folder.join("best.json"), &json)?)
     }
 }
 
@@ -157,8 +180,7 @@ impl Session {
         let write_error = |path: PathBuf| move |source| WriteError { path, source };
         let csv = self.folder.join("metrics.csv");
         let mut metrics = Metrics::open(&csv, self.step).map_err(write_error(csv.clone()))?;
-        let mut events = EventFile::create(&self.folder, self.step)
-            .map_err(write_error(self.folder.join("events.out.tfevents")))?;
+        let mut events = EventFile::create(&self.folder, self.step)?;
         let (mut taken, mut loss, mut busy_s) = (0, None, 0.0);
         let mut stopped = false;
         while self.step < schedule.until {
@@ -175,7 +197,7 @@ impl Session {
                 }
                 Some(Err(error)) => {
                     // A checkpoint saves the steps so far.
-                    self.write_rest(&metrics, schedule, watcher)?;
+                    self.write_rest(&metrics, &events, schedule, watcher)?;
                     return Err(error.into());
                 }
             };
@@ -197,11 +219,6 @@ impl Session {
                 || self.step == schedule.until;
             let validated = if is_due { self.try_and_validate()? } else { None };
             metrics.add(self.step, &losses, validated, wall_s).map_err(write_error(csv.clone()))?;
-            if is_due {
-                // Metrics become durable first, because resumed training does not repeat the steps before a checkpoint.
-                metrics.sync().map_err(write_error(csv.clone()))?;
-                self.write(validated, schedule, watcher)?;
-            }
             let mut numbers: Vec<(&str, f32)> = vec![("loss/total", losses.total)];
             let tags: Vec<String> =
                 losses.terms.iter().map(|t| format!("loss/{}", t.name)).collect();
@@ -210,25 +227,26 @@ impl Session {
             numbers.extend(losses.discriminator.map(|v| ("loss/discriminator", v)));
             numbers.extend(validated.map(|v| ("validation/psnr_db", v as f32)));
             numbers.push(("speed/images_per_s", (examples.len() as f64 / wall_s) as f32));
-            events
-                .scalars(self.step, &numbers)
-                .map_err(write_error(self.folder.join("events.out.tfevents")))?;
-            if schedule.pictures_every > 0
-                && (self.step.is_multiple_of(schedule.pictures_every)
-                    || self.step == schedule.until)
+            events.scalars(self.step, &numbers).map_err(write_error(events.path.clone()))?;
+            if schedule.has_pictures(self.step)
                 && let Some(Grid { png, size }) = self.pictures()?
             {
                 let folder = self.folder.join("pictures");
                 atomic_file::create_dir(&folder)?;
-                let path = folder.join(format!("step-{:07}.png", self.step));
-                atomic_file::write_relaxed(&path, &png)?;
-                events
-                    .picture(self.step, "validation", size, &png)
-                    .map_err(write_error(self.folder.join("events.out.tfevents")))?;
+                atomic_file::write(&folder.join(format!("step-{:07}.png", self.step)), &png)?;
+                let added = events.picture(self.step, "validation", size, &png);
+                added.map_err(write_error(events.path.clone()))?;
+            }
+            if is_due {
+                // All other files of the step become durable first, because resumed training does not repeat the steps
+                // before a checkpoint.
+                metrics.sync().map_err(write_error(csv.clone()))?;
+                events.sync().map_err(write_error(events.path.clone()))?;
+                self.write(validated, schedule, watcher)?;
             }
             watcher.step(self.step, &losses, wall_s);
         }
-        self.write_rest(&metrics, schedule, watcher)?;
+        self.write_rest(&metrics, &events, schedule, watcher)?;
         Ok(Trained {
             step: self.step,
             taken,
@@ -244,6 +262,7 @@ impl Session {
     fn write_rest(
         &mut self,
         metrics: &Metrics,
+        events: &EventFile,
         schedule: &Schedule,
         watcher: &mut dyn Watcher,
     ) -> Result<(), TrainError> {
@@ -252,6 +271,8 @@ impl Session {
         }
         let path = self.folder.join("metrics.csv");
         metrics.sync().map_err(|source| WriteError { path, source })?;
+        let failed = |source| WriteError { path: events.path.clone(), source };
+        events.sync().map_err(failed)?;
         let psnr = self.try_and_validate()?;
         self.write(psnr, schedule, watcher)
     }
@@ -271,13 +292,7 @@ impl Session {
             &self.origin,
             psnr,
         )?;
-        if let Some(validation_psnr_db) = psnr
-            && Best::read(&self.folder).is_none_or(|b| b.validation_psnr_db < validation_psnr_db)
-        {
-            let best = Best { step: self.step, validation_psnr_db };
-            let json = serde_json::to_vec(&best).map_err(candle_core::Error::wrap)?;
-            atomic_file::write(&self.folder.join("best.json"), &json)?;
-        }
+        Best::note(&self.folder, self.step, psnr)?;
         let best = Best::read(&self.folder).map(|best| best.step);
         prune(&self.folder, schedule.keep, best)
             .map_err(|source| WriteError { path: self.folder.clone(), source })?;

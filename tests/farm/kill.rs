@@ -72,10 +72,21 @@ fn leftovers_of_a_killed_process_are_removed() {
         left.push(place.run.join(folder).join(".tmp-b2"));
     }
     left.push(place.run.join("tuples").join(&scene).join(".tmp-c3"));
+    for folder in ["noise", "logs", "receipts", "conflicts"] {
+        std::fs::create_dir_all(place.run.join(folder)).unwrap();
+    }
+    // A kill during a put can leave an object with `#1` after its name.
+    for object in
+        ["receipts/a.json", "noise/a.exr", "logs/a.json", "quarantine/a.json", "conflicts/a"]
+    {
+        left.push(place.run.join(format!("{object}#1")));
+    }
+    left.push(place.run.join("tuples").join(&scene).join("tuple.exr#12"));
     for path in &left {
         std::fs::write(path, b"half").unwrap();
     }
     run(&["work", text(&place.run)]).expect(0);
+    assert_eq!(left.iter().find(|path| path.exists()), None);
     assert_tidy(&place.run);
     assert_same(&tuples(&place.run), reference());
 }

@@ -37,6 +37,11 @@ pub(crate) fn of_an_export(files: &mut Files) {
     files.is("set", "sums", None, &["1 file"]);
     files.is("set/metadata.jsonl", "listing", None, &["2 samples", "input_file_name"]);
     files.is("set/croissant.json", "croissant", None, &["smoke"]);
+    files.put(
+        "set/README.md",
+        "---\nlicense: other\npretty_name: \"smoke\"\ntags:\n- reflection-removal\n- reflection-separation\n---\n",
+    );
+    files.is("set/README.md", "card", None, &["smoke", "sha256sum -c"]);
 }
 
 #[cfg(feature = "train")]

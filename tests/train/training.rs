@@ -158,6 +158,31 @@ fn a_resumed_training_has_the_same_bits_and_repeats_no_step() {
     assert!(other.checkpoint("backtrack", 30) != reference()[0]);
 }
 
+/// Makes the state that kills leave: temporary files, and a checkpoint that is newer than `best.json`.
+#[test]
+fn leftovers_of_a_killed_training_are_removed() {
+    let place = place();
+    place.train("backtrack", "2", &small(&["--checkpoint-every", "2"]));
+    let stage = place.run.join("train/backtrack");
+    let best = std::fs::read(stage.join("best.json")).unwrap();
+    std::fs::remove_file(stage.join("best.json")).unwrap();
+    std::fs::create_dir(stage.join(".tmp-folder")).unwrap();
+    let left = [".tmp-file", ".tmp-folder/model.safetensors", "pictures/.tmp-file"];
+    for name in left {
+        std::fs::write(stage.join(name), b"half").unwrap();
+    }
+    // All steps are taken, and the same command still removes the leftovers.
+    place.train("backtrack", "2", &small(&[]));
+    assert_eq!(left.iter().find(|name| stage.join(name).exists()), None);
+    assert!(!stage.join(".tmp-folder").exists());
+    assert_eq!(std::fs::read(stage.join("best.json")).unwrap(), best);
+    let evaluation = place.run.join("train/evaluation");
+    std::fs::create_dir_all(&evaluation).unwrap();
+    std::fs::write(evaluation.join(".tmp-file"), b"half").unwrap();
+    run(&["evaluate", text(&place.run)]).expect(0);
+    assert!(!evaluation.join(".tmp-file").exists());
+}
+
 #[test]
 fn an_interrupted_training_keeps_every_step() {
     let place = place();

@@ -81,6 +81,7 @@ impl<'a> Place<'a> {
             tile_px: Some(recipe.tile_px),
             dry_run: false,
             skip_invalid: false,
+            training: None,
             threads: 2,
         };
         plan_run(&path, &run, &options, &|_, _, _| {})?;

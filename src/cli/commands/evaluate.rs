@@ -204,6 +204,10 @@ impl<'a> Task<'a> {
             outputs.claim()?;
         }
         if let Some(folder) = place.out(args) {
+            let _lock = match &args.out {
+                None => Some(Evaluation::claim(&folder)?),
+                Some(_) => None,
+            };
             evaluation.write(&folder, &scored.kept).map_err(|e| Failure::new(Exit::Failed, e))?;
         }
         evaluation.threads = Some(self.threads);

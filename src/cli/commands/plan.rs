@@ -37,9 +37,6 @@ pub(super) struct PlanArgs {
     pub(super) roots: RootArgs,
 }
 
-/// File of a run with the `[train]` table of the recipe.
-pub(super) const TRAIN_RECIPE: &str = "train.json";
-
 /// Returns the run's folder: `--out`, or `runs/NAME` with the recipe's file name, without its extension.
 pub(super) fn run_folder(args: &PlanArgs) -> PathBuf {
     args.out.clone().unwrap_or_else(|| {
@@ -55,12 +52,14 @@ pub(super) fn plan_with(
 ) -> Result<Planned, Failure> {
     let roots = Roots::parse(&args.roots.roots)?;
     let inputs = store_env::inputs();
+    let training = training(args)?;
     let options = PlanOptions {
         roots: &roots,
         inputs: &inputs,
         tile_px: args.tile,
         dry_run: global.dry_run,
         skip_invalid: args.skip_invalid,
+        training: training.as_deref(),
         threads: threads(global),
     };
     let steps = Steps { global, bars: Mutex::default() };
@@ -70,9 +69,6 @@ pub(super) fn plan_with(
     });
     steps.finish();
     let planned = planned?;
-    if !global.dry_run {
-        keep_training(args)?;
-    }
     for note in &planned.drafted.notes {
         output.note(note);
     }
@@ -82,18 +78,17 @@ pub(super) fn plan_with(
     Ok(planned)
 }
 
-/// Writes the recipe's `[train]` table, if it has one, into the run's folder, for training.
-fn keep_training(args: &PlanArgs) -> Result<(), Failure> {
+/// Returns the recipe's `[train]` table, if it has one, as JSON.
+fn training(args: &PlanArgs) -> Result<Option<String>, Failure> {
     let text = render::input_file::read_to_string(&args.recipe).unwrap_or_default();
     // A file that is not a recipe is a list of scenes and has no `[train]` table.
     let Some(train) = Recipe::parse(&text).ok().and_then(|recipe| recipe.train) else {
-        return Ok(());
+        return Ok(None);
     };
     let mut json =
         serde_json::to_string_pretty(&train).map_err(|e| Failure::new(Exit::Failed, e))?;
     json.push('\n');
-    render::atomic_file::write(&run_folder(args).join(TRAIN_RECIPE), json.as_bytes())?;
-    Ok(())
+    Ok(Some(json))
 }
 
 /// Progress bars of the planning steps.

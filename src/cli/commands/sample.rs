@@ -9,6 +9,7 @@ use clap::{Args as ClapArgs, ValueEnum};
 use plan::{DepthRanges, Place};
 use procedural::{PlacesPhotograph, SampleError, SamplePhotograph};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
+use render::atomic_file;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -63,8 +64,10 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
         SampleLayout::Diode => {
             let photographs = procedural::listing(count, seed);
             let [width, height] = size(1024, 768);
-            claim(dir, photographs.iter().flat_map(SamplePhotograph::paths).collect(), global)?;
+            let files: Vec<_> = photographs.iter().flat_map(SamplePhotograph::paths).collect();
+            claim(dir, files.clone(), global)?;
             make(&photographs, global, |p| procedural::write(dir, p, width, height))?;
+            settle(dir, files, global)?;
             Photographs {
                 size: [width, height],
                 color: photographs.iter().map(SamplePhotograph::color_path).collect(),
@@ -79,8 +82,10 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
                 [Place::Indoors, Place::Outdoor].map(|p| table.categories_of(p));
             let photographs = procedural::places_listing(count, seed, &indoors, &outdoors);
             let [width, height] = size(256, 256);
-            claim(dir, photographs.iter().flat_map(PlacesPhotograph::paths).collect(), global)?;
+            let files: Vec<_> = photographs.iter().flat_map(PlacesPhotograph::paths).collect();
+            claim(dir, files.clone(), global)?;
             make(&photographs, global, |p| procedural::write_places(dir, p, width, height))?;
+            settle(dir, files, global)?;
             let below = Path::new(procedural::PLACES_COLOR);
             Photographs {
                 size: [width, height],
@@ -112,6 +117,14 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
     };
     output.show("glasshouse.sample/1", &sample);
     Ok(Exit::Done)
+}
+
+/// Makes the names of the written files durable.
+fn settle(dir: &Path, files: Vec<PathBuf>, global: &Global) -> Result<(), Failure> {
+    if global.dry_run {
+        return Ok(());
+    }
+    Ok(atomic_file::sync_names(files.into_iter().map(|file| dir.join(file)))?)
 }
 
 /// Records the files as this command's own; in a dry run, only checks them.

@@ -1,14 +1,13 @@
 //! `train RUN --stage STAGE --steps S`: trains BT-net or SP-net.
 
 use crate::cli::args::{Global, RootArgs};
-use crate::cli::commands::plan::TRAIN_RECIPE;
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::network::{DeviceName, use_threads, weights_file};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::{store_env, target};
-use crate::run::Run;
+use crate::run::{Run, keys};
 use crate::store::Store;
 use clap::{Args as ClapArgs, ValueEnum};
 use compose::{Pair, find_pairs};
@@ -287,7 +286,7 @@ pub(super) fn train(
 
 /// Reads the recipe's `[train]` table from the run's folder, if the recipe has one.
 pub(super) fn train_recipe(run: &Path) -> Result<Option<TrainRecipe>, Failure> {
-    let path = run.join(TRAIN_RECIPE);
+    let path = run.join(keys::TRAIN);
     let Ok(bytes) = render::input_file::read(&path) else {
         return Ok(None);
     };
