@@ -1,6 +1,6 @@
 //! Tests of inputs that are no files, that are too large, or whose reads do not return.
 
-use crate::support::program::{Ended, command, run, send, text, wait_until};
+use crate::support::program::{Ended, Program, command, run, send, text, wait_until};
 use crate::support::scenes::{photographs, place, scene};
 use crate::support::workplace::{run_in, workplace};
 use std::fs;
@@ -28,13 +28,13 @@ fn library() -> Option<&'static Path> {
 }
 
 /// Returns a command whose reads of files named "stuck" do not return.
-fn stuck(library: &Path, folder: &Path, arguments: &[&str]) -> Command {
+fn stuck(library: &Path, folder: &Path, arguments: &[&str]) -> Program {
     let mut command = command(arguments);
     command.env("LD_PRELOAD", library).current_dir(folder);
     command
 }
 
-fn ended(mut command: Command) -> Ended {
+fn ended(mut command: Program) -> Ended {
     command.output().unwrap().into()
 }
 
@@ -146,7 +146,8 @@ fn signals_and_time_limits_end_a_worker_whose_read_does_not_return() {
         let reads = || {
             let entries = fs::read_dir(&open_files).into_iter().flatten().flatten();
             let targets = entries.filter_map(|entry| fs::read_link(entry.path()).ok());
-            targets.into_iter().any(|target| text(&target).contains("/stuck/"))
+            let is_photograph = |path: &PathBuf| path.is_file() && text(path).contains("/stuck/");
+            targets.into_iter().any(|target| is_photograph(&target))
         };
         assert!(wait_until(&mut child, reads));
         send(&child, signal);

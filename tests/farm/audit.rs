@@ -150,6 +150,6 @@ fn the_audit_names_the_worker() {
     run(&audit).expect(0);
 }
 
-fn worker_at(place: &Place, server: &Nats, store: &str) -> std::process::Child {
+fn worker_at(place: &Place, server: &Nats, store: &str) -> crate::support::program::Running {
     start("work", place, server, &["-j", "1", "--store", store])
 }

@@ -3,7 +3,7 @@
 use crate::processes::{alone, coordinator, end, slow_place, start};
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, files, tuples};
-use crate::support::program::{run, text};
+use crate::support::program::{Running, run, text};
 use crate::support::scenes::{Place, SCENES, SHARDS};
 use crate::support::tools::wait_for;
 use glasshouse::farm::queue::{Message, NatsCoordinator, QueueKeeper};
@@ -12,7 +12,6 @@ use render::ids::SceneId;
 use render::line::Roots;
 use serde_json::json;
 use std::path::PathBuf;
-use std::process::Child;
 use std::time::Duration;
 
 const SCENE: &str = "train-sample-000001";
@@ -32,7 +31,7 @@ fn twice(place: &Place, server: &Nats) -> NatsCoordinator {
     queue
 }
 
-fn named(place: &Place, server: &Nats, name: &str, fault: &str) -> Child {
+fn named(place: &Place, server: &Nats, name: &str, fault: &str) -> Running {
     let more = ["-j", "1", "--name", name, "--fault", "slow:2", "--fault", fault];
     start("work", place, server, &more)
 }

@@ -3,11 +3,10 @@
 use crate::processes::{alone, coordinator, end, results, slow_place, start};
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, tuples};
-use crate::support::program::{command, run, send, text};
+use crate::support::program::{Running, command, run, send, text};
 use crate::support::scenes::{Place, SCENES};
 use crate::support::tools::wait_for;
 use serde_json::Value;
-use std::process::Child;
 use std::time::Duration;
 
 /// Options of a slow worker: a run lasts longer than its processes need to notice a pause.
@@ -27,7 +26,7 @@ fn tell(place: &Place, verb: &str) -> Value {
     run(&[verb, text(&place.run), "--json"]).expect(0).json()
 }
 
-fn work(place: &Place) -> Child {
+fn work(place: &Place) -> Running {
     let arguments = [&["work", text(&place.run), "--json"], &SLOW[..]].concat();
     command(&arguments).spawn().unwrap()
 }

@@ -6,11 +6,10 @@ use crate::support::nats::Nats;
 use crate::support::outputs::{
     Tuples, assert_same, files, manifest, quarantine_reason, read_json, tuples,
 };
-use crate::support::program::{Ended, command, run, text};
+use crate::support::program::{Ended, PROGRAM, Running, run, text};
 use crate::support::scenes::{Place, SCENES, photographs, place, reference, scene, write_lines};
 use serde_json::{Value, json};
 use std::path::Path;
-use std::process::Child;
 
 fn ids(run: &Path) -> Vec<String> {
     let lines = manifest(run);
@@ -96,7 +95,7 @@ fn a_scene_aborts_at_most_four_processes_of_a_farm() {
     let fault = format!("abort:{poison}");
     let more = ["-j", "1", "--fault", &fault];
     let coordinator = coordinator(&place, &server);
-    let mut workers: Vec<Child> = (0..3).map(|_| start("work", &place, &server, &more)).collect();
+    let mut workers: Vec<Running> = (0..3).map(|_| start("work", &place, &server, &more)).collect();
     let mut deaths = 0;
     let mut done = 0;
     while let Some(worker) = workers.pop() {
@@ -240,9 +239,7 @@ fn a_scene_too_large_for_the_memory_is_quarantined() {
     let out = folder.path().join("run");
     run(&["plan", text(&manifest), "--out", text(&out)]).expect(0);
     let limited = || -> Ended {
-        let program = command::<&str>(&[]);
-        let program = program.get_program().to_string_lossy().into_owned();
-        let script = format!("ulimit -v 1300000; exec '{program}' work '{}' -j 1", text(&out));
+        let script = format!("ulimit -v 1300000; exec '{PROGRAM}' work '{}' -j 1", text(&out));
         let output = std::process::Command::new("bash").args(["-c", &script]).output();
         output.unwrap().into()
     };

@@ -2,12 +2,12 @@
 
 use crate::support::nats::Nats;
 use crate::support::outputs::{Tuples, assert_same, files, tuples};
-use crate::support::program::{Ended, LONGEST, command, run, send, text};
+use crate::support::program::{Ended, LONGEST, Running, command, run, send, text};
 use crate::support::scenes::{Place, place};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Output};
+use std::process::Output;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
@@ -37,7 +37,7 @@ pub(crate) fn alone(place: &Place) -> &'static Tuples {
     made.entry(recipe).or_insert_with(|| Box::leak(Box::new(tuples(&run_alone(place)))))
 }
 
-pub(crate) fn start(verb: &str, place: &Place, server: &Nats, more: &[&str]) -> Child {
+pub(crate) fn start(verb: &str, place: &Place, server: &Nats, more: &[&str]) -> Running {
     let url = server.url();
     let mut arguments = vec![verb, text(&place.run), "--queue", &url];
     arguments.extend(["--progress", "none", "--json"]);
@@ -48,18 +48,18 @@ pub(crate) fn start(verb: &str, place: &Place, server: &Nats, more: &[&str]) -> 
     command(&arguments).spawn().unwrap()
 }
 
-pub(crate) fn coordinator(place: &Place, server: &Nats) -> Child {
+pub(crate) fn coordinator(place: &Place, server: &Nats) -> Running {
     start("coordinate", place, server, &[])
 }
 
-pub(crate) fn worker(place: &Place, server: &Nats) -> Child {
+pub(crate) fn worker(place: &Place, server: &Nats) -> Running {
     start("work", place, server, &["-j", "1"])
 }
 
 /// Waits for the end of a process; kills it and panics after [`LONGEST`]. Reads its output meanwhile, because a full
 /// pipe blocks the process.
 #[track_caller]
-pub(crate) fn end(mut child: Child) -> Ended {
+pub(crate) fn end(mut child: Running) -> Ended {
     let pid = child.id();
     let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
     let read = |from: Option<Box<dyn Read + Send>>| {
@@ -99,7 +99,7 @@ pub(crate) fn results(run: &Path) -> usize {
 
 /// Waits for the end of a coordinator and its workers, and asserts that all of them report the run as done.
 #[track_caller]
-pub(crate) fn all_done(coordinator: Child, workers: impl IntoIterator<Item = Child>) {
+pub(crate) fn all_done(coordinator: Running, workers: impl IntoIterator<Item = Running>) {
     end(coordinator).expect(0);
     for worker in workers {
         end(worker).expect(0);

@@ -4,15 +4,14 @@
 use crate::processes::all_done;
 use crate::support::nats::SecureNats;
 use crate::support::outputs::{assert_same, tuples};
-use crate::support::program::{command, runtime, text};
+use crate::support::program::{Running, command, runtime, text};
 use crate::support::scenes::{Place, place, reference};
 use std::io::{BufRead, BufReader};
-use std::process::Child;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// Starts the program with a role's key.
-fn start_as(server: &SecureNats, role: &str, verb: &str, place: &Place, more: &[&str]) -> Child {
+fn start_as(server: &SecureNats, role: &str, verb: &str, place: &Place, more: &[&str]) -> Running {
     let (key, ca) = (server.key(role, "nkey"), server.key(role, "ca.pem"));
     let url = server.url();
     let mut arguments = vec![verb, text(&place.run), "--queue", &url, "--lease-s", "2"];

@@ -11,7 +11,7 @@ use crate::processes::alone;
 use crate::store_farm::fetched;
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, files, tuples};
-use crate::support::program::{Ended, command, send, text};
+use crate::support::program::{Ended, Running, command, send, text};
 use crate::support::s3_server::S3Server;
 use crate::support::scenes::{Place, place};
 use glasshouse::farm::queue::{Message, NatsCoordinator, QueueKeeper};
@@ -21,7 +21,6 @@ use glasshouse::store::Store;
 use render::line::Roots;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::process::Child;
 use std::time::{Duration, Instant};
 
 /// Id of the scene that aborts each process that traces it during the siege.
@@ -109,7 +108,7 @@ struct Siege {
     server: Nats,
     bucket: Option<S3Server>,
     store: Store,
-    workers: Vec<Option<Child>>,
+    workers: Vec<Option<Running>>,
     lives: Vec<usize>,
     asleep: Vec<(usize, Instant)>,
     ends: Vec<String>,
@@ -174,7 +173,7 @@ impl Siege {
         events
     }
 
-    fn start(&self, verb: &str, run: &Path, more: &[&str]) -> Child {
+    fn start(&self, verb: &str, run: &Path, more: &[&str]) -> Running {
         let url = self.server.url();
         let mut arguments = vec![verb, text(run), "--queue", &url, "--lease-s", "2"];
         arguments.extend(["--progress", "none", "--json"]);
@@ -189,12 +188,12 @@ impl Siege {
         command.spawn().unwrap()
     }
 
-    fn coordinate(&self) -> Child {
+    fn coordinate(&self) -> Running {
         self.start("coordinate", &self.place.run, &[])
     }
 
     /// Starts a worker, with its own folder if the store is a bucket.
-    fn work(&self, name: &str, faults: &[&str]) -> Child {
+    fn work(&self, name: &str, faults: &[&str]) -> Running {
         let own = self.place.folder.path().join(name);
         let run = if self.bucket.is_some() { &own } else { &self.place.run };
         let mut more = vec!["-j", "1", "--name", name, "--hang-s"];
@@ -244,7 +243,7 @@ impl Siege {
         }
     }
 
-    fn reap(&mut self, number: usize, worker: Child) {
+    fn reap(&mut self, number: usize, worker: Running) {
         let ended: Ended = worker.wait_with_output().unwrap().into();
         // A worker may end because it is done, hangs, leaves its work to others, lacks its store, or gets a signal.
         let known = [Some(0), Some(1), Some(75), None];
@@ -269,7 +268,7 @@ impl Siege {
         self.store.get("finished.json").unwrap().is_some()
     }
 
-    fn happen(&mut self, event: Event, coordinator: &mut Child) {
+    fn happen(&mut self, event: Event, coordinator: &mut Running) {
         let number = self.draw(self.size.workers);
         match event {
             Event::KillWorker => {

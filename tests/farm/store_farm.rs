@@ -4,20 +4,19 @@
 use crate::processes::{all_done, alone, end, slow_place};
 use crate::support::nats::Nats;
 use crate::support::outputs::{Tuples, assert_same, tuples};
-use crate::support::program::{Ended, command, text};
+use crate::support::program::{Ended, Running, command, text};
 use crate::support::s3_server::S3Server;
 use crate::support::scenes::{Place, SCENES, SHARDS, partials, place, reference};
 use crate::support::tools::wait_for;
 use glasshouse::store::Store;
 use std::path::Path;
-use std::process::Child;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 const PREFIX: &str = "runs/mine";
 
 /// Starts a coordinator or a worker. The folder `run` need not exist if the bucket has the run.
-fn start(verb: &str, run: &Path, queue: &Nats, bucket: &S3Server, more: &[&str]) -> Child {
+fn start(verb: &str, run: &Path, queue: &Nats, bucket: &S3Server, more: &[&str]) -> Running {
     let url = queue.url();
     let mut arguments = vec![verb, text(run), "--queue", &url, "--lease-s", "2"];
     arguments.extend(["--store", "s3://bucket/runs/mine"]);
@@ -28,7 +27,7 @@ fn start(verb: &str, run: &Path, queue: &Nats, bucket: &S3Server, more: &[&str])
     command.spawn().unwrap()
 }
 
-fn coordinator(place: &Place, queue: &Nats, bucket: &S3Server) -> Child {
+fn coordinator(place: &Place, queue: &Nats, bucket: &S3Server) -> Running {
     let child = start("coordinate", &place.run, queue, bucket, &[]);
     let store = bucket.store(PREFIX);
     wait_for("the run's spec", || store.get("spec.json").unwrap().is_some());
@@ -36,7 +35,7 @@ fn coordinator(place: &Place, queue: &Nats, bucket: &S3Server) -> Child {
 }
 
 /// Starts a worker with its own folder, which need not exist.
-fn worker(place: &Place, name: &str, queue: &Nats, bucket: &S3Server, more: &[&str]) -> Child {
+fn worker(place: &Place, name: &str, queue: &Nats, bucket: &S3Server, more: &[&str]) -> Running {
     let run = place.folder.path().join(name);
     let mut all = vec!["-j", "1"];
     all.extend(more);
@@ -102,7 +101,7 @@ fn eight_workers_under_all_faults_make_the_tuples_of_one_process() {
     let store = bucket.store(PREFIX);
     let mut first = coordinator(&place, &queue, &bucket);
     let names = ["a", "b", "c", "d", "e", "f", "g", "h"];
-    let mut workers: Vec<Child> =
+    let mut workers: Vec<Running> =
         names.iter().map(|name| worker(&place, name, &queue, &bucket, &[])).collect();
     wait_for("a result", || results(&store) > 6);
     for (victim, name) in workers.iter_mut().zip(names).take(4) {

@@ -25,7 +25,9 @@ fn a_private_authority_is_trusted_when_it_is_named() {
     let (scene, out) = (path("scene.json"), path("out"));
     let render = |authority: Option<&Path>| -> (Ended, Duration) {
         let mut command = command(&["render", text(&scene), "--out", text(&out)]);
-        command.envs(server.options().settings);
+        for (name, value) in server.options().settings {
+            command.env(name, value);
+        }
         if let Some(file) = authority {
             command.env("SSL_CERT_FILE", file);
         }

@@ -3,7 +3,7 @@
 use crate::processes::{end, slow_place, start};
 use crate::serve_run::{get, request};
 use crate::support::nats::Nats;
-use crate::support::program::{Ended, command, run, text};
+use crate::support::program::{Ended, Program, command, run, text};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
 use std::net::SocketAddr;
@@ -66,7 +66,7 @@ fn weak_tokens_and_tokens_on_the_command_line_are_refused() {
             ["coordinate", folder, "--queue", "nats://127.0.0.1:1", "--listen", "127.0.0.1:0"];
         command(&[&all[..], more].concat())
     };
-    let ended = |mut command: std::process::Command| Ended::from(command.output().unwrap());
+    let ended = |mut command: Program| Ended::from(command.output().unwrap());
     ended(coordinate(&["--token", TOKEN])).expect(2);
     ended(coordinate(&["--token-file", "/nonexistent"])).expect(2).says(&["/nonexistent"]);
     let mut weak = coordinate(&[]);

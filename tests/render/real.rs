@@ -1,7 +1,7 @@
 //! Renders photographs of public RGB-D data sets, and compares the tuples with lookups in the photographs.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, Photo, SETS, Set, find_sets, write_motorcycle_depth};
-use crate::support::program::PROGRAM;
+use crate::support::program::{run, text};
 use exr::prelude::{ReadChannels, ReadLayers};
 use render::atomic_file;
 use render::layer::Layer;
@@ -9,7 +9,6 @@ use render::merge::TupleRecord;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::process::Command;
 
 /// Side of the film, px.
 const FILM: usize = 256;
@@ -132,16 +131,10 @@ fn render(root: &Path, folder: &Path, scenes: &[Value]) -> BTreeMap<String, Real
     let lines: Vec<String> = scenes.iter().map(Value::to_string).collect();
     atomic_file::write(&manifest, lines.join("\n").as_bytes()).unwrap();
     let out = folder.join("run");
-    let run = Command::new(PROGRAM)
-        .args(["run", "--json", "--root"])
-        .arg(format!("rgbd={}", root.display()))
-        .arg("--out")
-        .args([&out, &manifest])
-        .output()
-        .unwrap();
-    let errors = String::from_utf8_lossy(&run.stderr);
-    assert!(run.status.success(), "{:?}: {errors}", run.status);
-    let result: Value = serde_json::from_slice(&run.stdout).unwrap();
+    let root = format!("rgbd={}", root.display());
+    let result = run(&["run", text(&manifest), "--json", "--root", &root, "--out", text(&out)])
+        .expect(0)
+        .json();
     assert_eq!(result["merged"], json!(scenes.len()), "{result}");
     assert_eq!(result["quarantined"], json!([]));
     scenes

@@ -1,11 +1,10 @@
 //! Lists photographs of several public RGB-D data sets in one file, for recipes with `layout = "list"`.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, SETS, Set, find_sets, write_motorcycle_depth};
-use crate::support::program::PROGRAM;
+use crate::support::program::{run, text};
 use render::atomic_file;
 use serde_json::{Value, json};
 use std::path::Path;
-use std::process::Command;
 
 /// Additional frames of [`SETS`]: name of the set, colour file, depth file.
 const FRAMES: [(&str, &str, &str); 6] = [
@@ -107,14 +106,7 @@ fn a_list_of_the_sets_is_rendered() {
     let recipe = folder.join("list.toml");
     atomic_file::write(&recipe, RECIPE.as_bytes()).unwrap();
     let out = tempfile::tempdir().unwrap();
-    let ran = Command::new(PROGRAM)
-        .args(["run", "--json", "--out"])
-        .arg(out.path().join("run"))
-        .arg(&recipe)
-        .output()
-        .unwrap();
-    let words = String::from_utf8_lossy(&ran.stderr);
-    assert!(ran.status.success(), "{words}");
+    run(&["run", text(&recipe), "--json", "--out", text(&out.path().join("run"))]).expect(0);
     let manifest = std::fs::read_to_string(out.path().join("run/manifest.jsonl")).unwrap();
     let mut used = std::collections::BTreeSet::new();
     for line in manifest.lines() {

@@ -1,11 +1,10 @@
 //! Makes scene files of the public sets for `glasshouse bench`: one set on both sides, the paper's camera and pane.
 
 use crate::real_sets::{MOTORCYCLE_DEPTH, SETS, find_sets, write_motorcycle_depth};
-use crate::support::program::PROGRAM;
+use crate::support::program::{run, text};
 use render::atomic_file;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::path::Path;
-use std::process::Command;
 
 /// Writes a scene file `target/tmp/real-scenes/SET.json` for each set, and checks that the program accepts it.
 #[test]
@@ -32,12 +31,8 @@ fn scene_files_of_the_sets_are_accepted() {
         });
         let path = folder.join(format!("{}.json", set.name));
         atomic_file::write(&path, format!("{scene:#}\n").as_bytes()).unwrap();
-        let taken = Command::new(PROGRAM)
-            .args(["render", "-n", "--json", "--out", "nowhere"])
-            .arg(&path)
-            .output()
-            .unwrap();
-        let result: Value = serde_json::from_slice(&taken.stdout).unwrap();
+        let result =
+            run(&["render", text(&path), "-n", "--json", "--out", "nowhere"]).expect(0).json();
         assert_eq!(result["scene"], set.name, "{result}");
         println!("{}", path.display());
     }

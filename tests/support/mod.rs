@@ -6,6 +6,7 @@ pub(crate) mod markup;
 pub(crate) mod moto;
 pub(crate) mod nats;
 pub(crate) mod outputs;
+pub(crate) mod postconditions;
 pub(crate) mod program;
 pub(crate) mod s3_server;
 pub(crate) mod scenes;

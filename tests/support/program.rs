@@ -1,8 +1,11 @@
 //! Runs the program, and checks its exit code and output.
 
+use super::postconditions::Call;
 use serde_json::Value;
 use std::ffi::OsStr;
 use std::hash::{BuildHasher, RandomState};
+use std::io;
+use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -10,9 +13,12 @@ use std::time::{Duration, Instant};
 /// Path of the `glasshouse` binary under test.
 pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_glasshouse");
 
-/// Makes a command that runs the program with `arguments` and pipes its output. The program writes each partial at
-/// once, so that a test can kill it in the middle of a short run.
-pub(crate) fn command<S: AsRef<OsStr>>(arguments: &[S]) -> Command {
+/// A call of the program whose promises are checked at its end.
+pub(crate) struct Program(Command);
+
+/// Makes a call of the program with `arguments` and pipes its output. The program writes each partial at once, so that a
+/// test can kill it in the middle of a short run.
+pub(crate) fn command<S: AsRef<OsStr>>(arguments: &[S]) -> Program {
     let mut command = Command::new(PROGRAM);
     command
         .args(arguments)
@@ -20,7 +26,97 @@ pub(crate) fn command<S: AsRef<OsStr>>(arguments: &[S]) -> Command {
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
-    command
+    Program(command)
+}
+
+impl Program {
+    pub(crate) fn args(&mut self, arguments: impl IntoIterator<Item: AsRef<OsStr>>) -> &mut Self {
+        self.0.args(arguments);
+        self
+    }
+
+    pub(crate) fn env(&mut self, name: impl AsRef<OsStr>, value: impl AsRef<OsStr>) -> &mut Self {
+        self.0.env(name, value);
+        self
+    }
+
+    pub(crate) fn env_remove(&mut self, name: impl AsRef<OsStr>) -> &mut Self {
+        self.0.env_remove(name);
+        self
+    }
+
+    pub(crate) fn current_dir(&mut self, folder: impl AsRef<Path>) -> &mut Self {
+        self.0.current_dir(folder);
+        self
+    }
+
+    pub(crate) fn stdin(&mut self, stdin: impl Into<Stdio>) -> &mut Self {
+        self.0.stdin(stdin);
+        self
+    }
+
+    pub(crate) fn stdout(&mut self, stdout: impl Into<Stdio>) -> &mut Self {
+        self.0.stdout(stdout);
+        self
+    }
+
+    pub(crate) fn stderr(&mut self, stderr: impl Into<Stdio>) -> &mut Self {
+        self.0.stderr(stderr);
+        self
+    }
+
+    #[track_caller]
+    pub(crate) fn output(&mut self) -> io::Result<Output> {
+        self.spawn()?.wait_with_output()
+    }
+
+    pub(crate) fn spawn(&mut self) -> io::Result<Running> {
+        let call = Call::new(&self.0);
+        Ok(Running { child: Some(self.0.spawn()?), call })
+    }
+}
+
+/// A running call of the program.
+pub(crate) struct Running {
+    /// `None` after [`Self::wait_with_output`].
+    child: Option<Child>,
+    call: Call,
+}
+
+impl Running {
+    /// Waits for the end, and checks the call's promises.
+    #[track_caller]
+    pub(crate) fn wait_with_output(mut self) -> io::Result<Output> {
+        let child = self.child.take().expect("the first call of this method");
+        let has_stdout = child.stdout.is_some();
+        let output = child.wait_with_output()?;
+        self.call.check(output.status.code(), has_stdout.then_some(&*output.stdout));
+        Ok(output)
+    }
+}
+
+impl Deref for Running {
+    type Target = Child;
+
+    fn deref(&self) -> &Child {
+        self.child.as_ref().expect("only wait_with_output takes the child")
+    }
+}
+
+impl DerefMut for Running {
+    fn deref_mut(&mut self) -> &mut Child {
+        self.child.as_mut().expect("only wait_with_output takes the child")
+    }
+}
+
+impl Drop for Running {
+    /// Checks the promises of a call whose output no test reads.
+    fn drop(&mut self) {
+        let ended = self.child.as_mut().and_then(|child| child.try_wait().ok().flatten());
+        if let Some(status) = ended.filter(|_| !std::thread::panicking()) {
+            self.call.check(status.code(), None);
+        }
+    }
 }
 
 /// Exit code and output of a finished process.
@@ -80,9 +176,12 @@ pub(crate) fn run_line(line: &str) -> Ended {
 
 /// Runs the program with a file size limit of one block, which simulates a full disk.
 pub(crate) fn run_on_full_disk(arguments: &[&str]) -> Ended {
+    let call = Call::new(&command(arguments).0);
     let mut limited = Command::new("sh");
     limited.args(["-c", "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"", PROGRAM]);
-    limited.args(arguments).output().unwrap().into()
+    let output = limited.args(arguments).output().unwrap();
+    call.check(output.status.code(), Some(&output.stdout));
+    output.into()
 }
 
 /// Sends a signal, such as `TERM`, to a child.

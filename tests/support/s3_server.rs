@@ -5,6 +5,7 @@
 //! response is lost) or in the middle of a response. The server handles conditional puts one at a time, so that S3's
 //! rule holds and one of two simultaneous puts fails; the check and the write of s3s-fs are not atomic.
 
+use super::program::Program;
 use super::program::runtime;
 use axum::body::Body;
 use futures_util::StreamExt;
@@ -12,7 +13,6 @@ use glasshouse::store::{Store, StoreOptions};
 use hyper::{Request, Response, body::Incoming, service::Service, service::service_fn};
 use s3s::service::{S3Service, S3ServiceBuilder};
 use std::io;
-use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
@@ -120,8 +120,10 @@ impl S3Server {
     }
 
     /// Sets the server's address and keys in a command's environment.
-    pub(crate) fn tell(&self, command: &mut Command) {
-        command.envs(self.environment());
+    pub(crate) fn tell(&self, command: &mut Program) {
+        for (name, value) in self.environment() {
+            command.env(name, value);
+        }
     }
 
     pub(crate) fn options(&self, patience: Duration) -> StoreOptions {
