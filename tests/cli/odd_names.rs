@@ -53,9 +53,15 @@ fn below(folder: &Path, example: &[String]) -> Vec<OsString> {
             positionals.get(place - 1).or(positionals.last()).copied()
         };
         match argument {
-            // `evaluate --checkpoint NAME=PATH` parses its argument itself.
-            Some(argument) if is_path(argument) || argument.get_id() == "checkpoint" => {
-                words.push(folder.join(word).into());
+            Some(argument) if is_path(argument) => {
+                // `--checkpoint NAME=FOLDER` has a name before its path.
+                let (name, path) = match word.split_once('=') {
+                    Some((name, path)) => (format!("{name}="), path),
+                    None => (String::new(), word.as_str()),
+                };
+                let mut word = OsString::from(name);
+                word.push(folder.join(path));
+                words.push(word);
             }
             _ => words.push(word.into()),
         }

@@ -16,7 +16,9 @@ use render::line::Roots;
 use serde::Serialize;
 use serde_json::json;
 use std::borrow::Cow;
+use std::ffi::OsStr;
 use std::fmt;
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use train::{EVALUATION_SCHEMA, Evaluation, ScoredNetwork, Tiled, TupleSource};
@@ -30,7 +32,7 @@ pub(super) struct EvaluateArgs {
     /// Network to score: folder of a checkpoint, or of a stage or run (for its newest checkpoint), after an optional
     /// row name [default: stage and step]; repeatable [default: the run's newest SP-net]
     #[arg(long = "checkpoint", value_name = "[NAME=]FOLDER")]
-    checkpoints: Vec<String>,
+    checkpoints: Vec<PathBuf>,
     /// Scenes of a run to score
     #[arg(long, value_enum, default_value = "test")]
     split: SplitName,
@@ -314,6 +316,13 @@ fn outputs(args: &EvaluateArgs) -> Option<Outputs<'_>> {
     Some(Outputs { command: "evaluate", folder, files, inputs: Vec::new() })
 }
 
+/// Splits `NAME=FOLDER`. The folder may have any name.
+fn named(typed: &Path) -> Option<(&str, &Path)> {
+    let bytes = typed.as_os_str().as_bytes();
+    let (name, folder) = bytes.split_at(bytes.iter().position(|&byte| byte == b'=')?);
+    Some((std::str::from_utf8(name).ok()?, Path::new(OsStr::from_bytes(&folder[1..]))))
+}
+
 /// Opens the networks to score; fails unless their row names are unique and differ from `input`.
 fn networks(
     args: &EvaluateArgs,
@@ -323,9 +332,9 @@ fn networks(
     let mut places: Vec<(Option<&str>, PathBuf)> = Vec::new();
     for typed in &args.checkpoints {
         // A path may contain an equals sign.
-        places.push(match typed.split_once('=') {
-            Some((name, path)) if !Path::new(typed).exists() => (Some(name), PathBuf::from(path)),
-            _ => (None, PathBuf::from(typed)),
+        places.push(match named(typed) {
+            Some((name, path)) if !typed.exists() => (Some(name), path.to_owned()),
+            _ => (None, typed.clone()),
         });
     }
     if places.is_empty() && is_run {
