@@ -53,7 +53,7 @@ fn inject(injected: &Injected) -> Result<(), String> {
         // The dynamic loader could not read a library.
         Some(127) => return Ok(()),
         Some(0) => {
-            if let Err(reason) = recovered(phase, at)
+            if let Err(reason) = recovered_without_maps(phase, at)
                 // A leftover does no harm: the removal failed.
                 && !reason.contains("is left")
             {
@@ -76,6 +76,18 @@ fn recover(phase: &Phase, at: &Path) -> Result<(), String> {
     let ended = run_in(at, &phase.arguments);
     if ended.code != Some(0) {
         return Err(format!("later it ends with {:?}: {}", ended.code, ended.stderr));
+    }
+    recovered_without_maps(phase, at)
+}
+
+/// Compares the results. A worker that cannot put a noise map continues without one, as docs/formats.md says.
+fn recovered_without_maps(phase: &Phase, at: &Path) -> Result<(), String> {
+    for (map, bytes) in &phase.reference {
+        let path = at.join(map);
+        if let (true, Some(bytes), false) = (map.starts_with("run/noise"), bytes, path.exists()) {
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, &**bytes).unwrap();
+        }
     }
     recovered(phase, at)
 }
