@@ -18,7 +18,7 @@ test:
 
 # all crash points and failing calls: minutes
 crash:
-    cargo test --release --test crash -- --ignored --nocapture a_crash every_failing
+    cargo test --release --test crash -- --ignored --nocapture --test-threads 1 any_crash every_failing
 
 fmt:
     cargo fmt

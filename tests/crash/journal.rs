@@ -30,6 +30,14 @@ pub(crate) struct Journal {
     sync_from: BTreeMap<u32, usize>,
 }
 
+/// Returns the result of an entered call; `None` if its process ended first.
+fn result(entered: &Call, later: &[Moment]) -> Option<i64> {
+    later.iter().find_map(|moment| match moment {
+        Moment::Left(call, result) if call.thread == entered.thread => Some(*result),
+        _ => None,
+    })
+}
+
 #[derive(Clone, Copy)]
 struct OpenFile {
     ino: Ino,
@@ -48,8 +56,15 @@ impl Journal {
             open: BTreeMap::new(),
             sync_from: BTreeMap::new(),
         };
-        for moment in moments {
+        for (index, moment) in moments.iter().enumerate() {
             match moment {
+                // Another thread may find the folder, and write into it, before this call returns.
+                Moment::Entered(call) if call.name.starts_with("mkdir") => {
+                    if result(call, &moments[index..]).is_some_and(|result| result >= 0) {
+                        journal.leave(call, 0);
+                    }
+                }
+                Moment::Left(call, _) if call.name.starts_with("mkdir") => {}
                 Moment::Entered(call) => journal.enter(call),
                 Moment::Left(call, result) if *result >= 0 => journal.leave(call, *result),
                 Moment::Left(..) => {}
@@ -156,6 +171,8 @@ impl Journal {
             // A file without a name until a linkat gives it one.
             Some(_) if flags.contains("O_TMPFILE") => self.node(false),
             Some(ino) => ino,
+            // Another thread created or removed the file at the same moment.
+            None if !flags.contains("O_CREAT") => return,
             None => {
                 let (ino, (folder, name)) = (self.node(false), place);
                 self.add(Operation::Link { folder, name, ino }, call);

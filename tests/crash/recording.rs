@@ -44,8 +44,9 @@ pub(crate) fn can_trace() -> bool {
     reason.is_none()
 }
 
-/// Runs a command in `folder`, which must end with 0, and returns all its changes there.
-pub(crate) fn record(folder: &Path, arguments: &[&str]) -> Journal {
+/// Runs a command in `folder`, which must end with 0, and returns all its changes there; `None` if the order of
+/// simultaneous calls of its threads is unclear.
+pub(crate) fn record(folder: &Path, arguments: &[&str]) -> Option<Journal> {
     let folder = folder.canonicalize().unwrap();
     let before = Disk::read(&folder);
     let logs = tempfile::tempdir().unwrap();
@@ -56,10 +57,5 @@ pub(crate) fn record(folder: &Path, arguments: &[&str]) -> Journal {
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     let journal = Journal::of(&folder, before, &parse(&std::fs::read_to_string(log).unwrap()));
     // The model has understood every call if it arrives at the content of the real disk.
-    let (model, real) = (journal.after.tree(), Disk::read(&folder).tree());
-    assert_eq!(model.keys().collect::<Vec<_>>(), real.keys().collect::<Vec<_>>());
-    for (path, content) in &real {
-        assert!(model[path] == *content, "the model has another {}", path.display());
-    }
-    journal
+    (journal.after.tree() == Disk::read(&folder).tree()).then_some(journal)
 }

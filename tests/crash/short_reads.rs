@@ -23,6 +23,12 @@ fn short_and_interrupted_reads_change_no_result() {
     compiler.args(["-shared", "-fPIC", "-O1", "-o"]).arg(&library).arg(source).arg("-ldl");
     let Some(compiled) = tool(&mut compiler) else { return };
     content(&compiled);
+    let file = folder.path().join("file");
+    std::fs::write(&file, [7; 100]).unwrap();
+    let mut dd = Command::new("dd");
+    dd.args(["bs=100", "count=1"]).arg(format!("if={}", file.display()));
+    let read = tool(dd.env("LD_PRELOAD", &library)).unwrap();
+    assert_eq!(read.stdout.len(), 34, "the library shortens reads: {read:?}");
     for phase in phases() {
         let folder = scratch();
         put_tree(&phase.journal.before.tree(), folder.path());
