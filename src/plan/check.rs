@@ -5,10 +5,13 @@
 
 use super::inputs::{InputFiles, StoreUnavailable};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use render::formats::NamedBytes;
+use render::formats::{NamedBytes, PictureSize};
 use render::ids::SceneId;
-use render::line::{Roots, SceneLine, Side, is_url};
-use render::scene::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
+use render::line::{Photograph, Roots, SceneLine, Side, is_url};
+use render::scene::{
+    END_BYTES, FileEnds, FileRole, Look, PhotographSizes, START_BYTES, check_turned, look,
+    look_at_whole,
+};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::fs::File;
@@ -58,8 +61,8 @@ pub fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
 enum Checked {
     Sound {
         bytes: u64,
-        /// Width and height of an image, px; `None` for a mesh.
-        size: Option<[usize; 2]>,
+        /// Size of an image; `None` for a mesh.
+        size: Option<PictureSize>,
     },
     Wrong(String),
 }
@@ -176,23 +179,40 @@ impl<'a> Checker<'a> {
                     problems.push((path, problem.clone()));
                 }
             }
-            if let Side::Photograph(photograph) = side
-                && let Some(mask) = &photograph.mask
-                && let Some(Checked::Sound { size: Some(of_mask), .. }) = seen(mask, FileRole::Mask)
-                && let Some(Checked::Sound { size: Some(of_depth), .. }) =
-                    seen(&photograph.depth, FileRole::Depth)
-                && of_mask != of_depth
-            {
-                let ([w, h], [width, height]) = (of_mask, of_depth);
-                problems.push((
-                    mask,
-                    format!(
-                        "it has {w}x{h} pixels, but the depth image has {width}x{height}; give a mask of the depth's size, or none"
-                    ),
-                ));
+            if let Side::Photograph(photograph) = side {
+                problems.extend(self.problem_of_sizes(photograph));
             }
         }
         problems
+    }
+
+    /// Returns a problem of the sizes of a photograph's usable files, with the file to blame.
+    fn problem_of_sizes<'l>(&self, photograph: &'l Photograph) -> Option<(&'l str, String)> {
+        let size = |path: &str, role| match self.seen.get(&(path.to_owned(), role)) {
+            Some(Checked::Sound { size, .. }) => *size,
+            _ => None,
+        };
+        let Photograph { color, depth, mask, orientation, .. } = photograph;
+        let of_depth = size(depth, FileRole::Depth)?;
+        let of_mask = mask.as_deref().and_then(|mask| Some((mask, size(mask, FileRole::Mask)?)));
+        if let Some(of_color) = size(color, FileRole::Color) {
+            let sizes = PhotographSizes {
+                color: (Path::new("it"), of_color),
+                depth: (Path::new(depth), of_depth),
+                mask: of_mask.map(|(mask, size)| (Path::new(mask), size)),
+            };
+            if let Err(error) = check_turned(photograph, &sizes) {
+                return Some((color, error.to_string()));
+            }
+        }
+        let (mask, of_mask) = of_mask?;
+        let [[w, h], [width, height]] = [of_mask, of_depth].map(|size| size.used_px(*orientation));
+        ([w, h] != [width, height]).then(|| {
+            let problem = format!(
+                "it has {w}x{h} pixels, but the depth image has {width}x{height}; give a mask of the depth's size, or none"
+            );
+            (mask, problem)
+        })
     }
 }
 
@@ -298,7 +318,10 @@ mod tests {
             atomic_file::write_relaxed(&path, &bytes).unwrap();
             match seen(&path, FileRole::Depth) {
                 Checked::Sound { bytes: length, size } => {
-                    assert_eq!((length, size), (bytes.len() as u64, Some([count, 1])));
+                    assert_eq!(
+                        (length, size),
+                        (bytes.len() as u64, Some(PictureSize::plain([count, 1])))
+                    );
                 }
                 wrong @ Checked::Wrong(_) => panic!("{wrong:?}"),
             }

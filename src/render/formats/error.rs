@@ -41,6 +41,23 @@ pub enum SceneError {
         depth_width: usize,
         depth_height: usize,
     },
+    /// A depth image, a mask or intrinsics that fit the stored rows of a turned colour image, not the upright image.
+    #[error(
+        "{} is stored with {}x{} pixels, and its EXIF orientation {exif_orientation} turns it to {}x{}; {what} has {}x{}, which fits only the stored rows: turn it upright, or set \"orientation\": \"stored\" beside \"color\"",
+        path.display(), stored_px[0], stored_px[1], upright_px[0], upright_px[1], px[0], px[1]
+    )]
+    Turned {
+        /// Path of the colour image.
+        path: PathBuf,
+        /// EXIF orientation of the colour image, 5 to 8.
+        exif_orientation: u8,
+        stored_px: [usize; 2],
+        upright_px: [usize; 2],
+        /// The other file, or the key of the intrinsics.
+        what: String,
+        /// Size that does not fit.
+        px: [usize; 2],
+    },
     /// A colour image with NaN, infinite or negative values after `transfer` and `exposure`.
     #[error(
         "{} has {count} pixels with NaN, infinite or negative radiance, the first at column {x}, row {y}; repair the file, or lower the exposure",

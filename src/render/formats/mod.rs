@@ -14,7 +14,9 @@ pub(crate) mod npy_header;
 pub(crate) mod pfm;
 pub(crate) mod ply;
 pub(crate) mod ply_header;
+pub(crate) mod png_chunks;
 pub(crate) mod raster;
+pub(crate) mod upright;
 
 pub use error::SceneError;
 pub use exr_read::{ExrChannels, decode_exr_channels};
@@ -23,3 +25,4 @@ pub use files::{NamedBytes, PanoramaFiles, PhotographFiles};
 pub use npy_header::npy_facts;
 pub use ply::ply_counts;
 pub use raster::jpeg_is_whole;
+pub use upright::PictureSize;

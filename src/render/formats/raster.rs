@@ -3,7 +3,10 @@
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
 use super::limits::{check_size, image_limits};
+use super::png_chunks::PngChunks;
+use super::upright::{PictureSize, turn_of};
 use image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder};
+use image::metadata::Orientation as Turn;
 use image::{ColorType, ImageDecoder};
 use std::io::Cursor;
 
@@ -17,6 +20,15 @@ pub(crate) struct Raster {
     pub(crate) samples: Samples,
     /// True if the decoder scaled codes of another range to the range of the type: right for colour, wrong for depth.
     pub(crate) rescaled: bool,
+    /// Turn that makes the stored rows upright, from EXIF data.
+    pub(crate) turn: Turn,
+}
+
+impl Raster {
+    /// Makes an image of a format without orientation and with samples of the whole range.
+    pub(crate) fn plain(width: usize, height: usize, channels: usize, samples: Samples) -> Self {
+        Self { width, height, channels, samples, rescaled: false, turn: Turn::NoTransforms }
+    }
 }
 
 /// The samples of an image, by their type.
@@ -48,9 +60,15 @@ pub(crate) struct Head {
     sample: Sample,
     /// Same as [`Raster::rescaled`].
     pub(crate) rescaled: bool,
+    turn: Turn,
 }
 
 impl Head {
+    pub(crate) fn size(&self) -> PictureSize {
+        let stored_px = [self.width, self.height];
+        PictureSize { stored_px, exif_orientation: self.turn.to_exif() }
+    }
+
     /// Returns the least length of a P5 or P6 file with this header, bytes; `u64::MAX` for other PNM files.
     pub(crate) fn pnm_bytes(&self, start: &[u8]) -> u64 {
         if !matches!(start, [b'P', b'5' | b'6', ..]) {
@@ -93,11 +111,10 @@ fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError>
 
 /// Reads the header of a PNG, JPEG, PNM or Radiance HDR file; `file` may hold only its beginning.
 pub(crate) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneError> {
-    file.contain(format, || head_of(file, format, &open(file, format)?))
+    file.contain(format, || head_of(file, format, &mut open(file, format)?))
 }
 
-/// Decodes a PNG, JPEG, PNM or Radiance HDR file. Ignores rotation tags, profiles and gamma chunks, because the scene
-/// line defines the meaning of the values.
+/// Decodes a PNG, JPEG, PNM or Radiance HDR file to its stored rows.
 ///
 /// The JPEG decoder selects instructions for the machine. No test compares its bits between instruction sets.
 pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
@@ -105,8 +122,9 @@ pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
         if format == FileFormat::Jpeg && !jpeg_is_whole(&file.bytes) {
             return Err(file.unreadable(format, "the file ends within the image"));
         }
-        let opened = open(file, format)?;
-        let Head { width, height, channels, sample, rescaled } = head_of(file, format, &opened)?;
+        let mut opened = open(file, format)?;
+        let Head { width, height, channels, sample, rescaled, turn } =
+            head_of(file, format, &mut opened)?;
         let (decoder, count) = (opened.0, width * height * channels);
         let failed = |error| file.unreadable(format, error);
         let samples = match sample {
@@ -126,7 +144,7 @@ pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
                 Samples::F32(values)
             }
         };
-        Ok(Raster { width, height, channels, samples, rescaled })
+        Ok(Raster { width, height, channels, samples, rescaled, turn })
     })
 }
 
@@ -134,7 +152,7 @@ pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
 fn head_of(
     file: &NamedBytes,
     format: FileFormat,
-    (decoder, original_max): &Opened<'_>,
+    (decoder, original_max): &mut Opened<'_>,
 ) -> Result<Head, SceneError> {
     let (width, height) = decoder.dimensions();
     check_size(&file.path, width as u64, height as u64)?;
@@ -157,8 +175,16 @@ fn head_of(
     let is_partial = original_max.is_some_and(|max| max != type_max);
     // Byte 24 of a PNG holds the bits per sample, which the decoder does not report.
     let is_narrow = format == FileFormat::Png && file.bytes[24] < 8;
+    let turn = match format {
+        FileFormat::Png => turn_of(PngChunks::find(&file.bytes).exif),
+        FileFormat::Jpeg => {
+            let exif = decoder.exif_metadata().map_err(|error| file.unreadable(format, error))?;
+            turn_of(exif.as_deref())
+        }
+        _ => Turn::NoTransforms,
+    };
     let (width, height) = (width as usize, height as usize);
-    Ok(Head { width, height, channels, sample, rescaled: is_partial || is_narrow })
+    Ok(Head { width, height, channels, sample, rescaled: is_partial || is_narrow, turn })
 }
 
 /// True if an end marker follows the start of the last scan. Neither marker can occur inside a scan. Without this

@@ -38,6 +38,7 @@ mod place;
 mod relative;
 mod surface;
 mod transfer;
+mod turned;
 mod window;
 
 pub use assemble::assemble;
@@ -54,3 +55,4 @@ pub use mesh::{Polygons, decode_mesh};
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
 pub use place::{Decoded, MeshFacts};
 pub use relative::RelativeEnds;
+pub use turned::{PhotographSizes, check_turned};
