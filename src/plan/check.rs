@@ -9,8 +9,8 @@ use render::formats::{NamedBytes, PictureSize};
 use render::ids::SceneId;
 use render::line::{Photograph, Roots, SceneLine, Side, is_url};
 use render::scene::{
-    END_BYTES, FileEnds, FileRole, Look, PhotographSizes, START_BYTES, check_turned, look,
-    look_at_whole,
+    END_BYTES, FileEnds, FileRole, Look, PhotographSizes, START_BYTES, check_turned, far_depth_m,
+    far_text, look, look_at_whole,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -138,6 +138,31 @@ impl<'a> Checker<'a> {
             }
         }
         Ok(invalid.into_values().collect())
+    }
+
+    /// Reads one usable depth file of each folder or root and unit, because a wrong unit is that of a whole data set.
+    /// Returns remarks on those that are probably too far.
+    pub(super) fn far_depths(&self, lines: &[SceneLine]) -> Vec<String> {
+        let mut first: BTreeMap<(&str, u64), &Photograph> = BTreeMap::new();
+        let sides = lines.iter().flat_map(|line| [&line.front, &line.back]);
+        for photograph in sides.filter_map(Side::photograph) {
+            let place = match photograph.depth.split_once(':') {
+                Some((root, _)) => root,
+                None => photograph.depth.rsplit_once('/').map_or("", |(folder, _)| folder),
+            };
+            let key = (photograph.depth.clone(), FileRole::Depth);
+            if matches!(self.seen.get(&key), Some(Checked::Sound { .. })) {
+                first.entry((place, photograph.depth_unit_m.to_bits())).or_insert(photograph);
+            }
+        }
+        let note = |photograph: &&Photograph| {
+            let path = self.roots.resolve(Path::new(""), &photograph.depth).ok()?;
+            // A worker names a file that cannot be decoded.
+            let bytes = self.inputs.read(&path).ok()?;
+            let far_m = far_depth_m(photograph, &named(bytes)).ok()??;
+            Some(far_text(&photograph.depth, far_m))
+        };
+        first.values().filter_map(note).collect()
     }
 
     fn check_files(&self, files: &[(&str, FileRole)]) -> Result<Vec<Checked>, StoreUnavailable> {

@@ -1,5 +1,6 @@
 //! Errors in the files of a photograph, panorama or mesh, and in its parameters.
 
+use super::icc::ColorError;
 use crate::line::LineError;
 use std::path::PathBuf;
 
@@ -41,6 +42,9 @@ pub enum SceneError {
         depth_width: usize,
         depth_height: usize,
     },
+    /// A colour image whose codes have a meaning that cannot be converted.
+    #[error("{} cannot be used: {source}", path.display())]
+    Color { path: PathBuf, source: ColorError },
     /// A depth image, a mask or intrinsics that fit the stored rows of a turned colour image, not the upright image.
     #[error(
         "{} is stored with {}x{} pixels, and its EXIF orientation {exif_orientation} turns it to {}x{}; {what} has {}x{}, which fits only the stored rows: turn it upright, or set \"orientation\": \"stored\" beside \"color\"",

@@ -1,8 +1,12 @@
 //! Reads PNG, JPEG, PNM and Radiance HDR images with the `image` crate; defines `Raster`, the decoded form of images.
 
+use super::color_space::ColorSpace;
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
+use super::icc::ColorError;
+use super::jpeg;
 use super::limits::{check_size, image_limits};
+use super::meaning;
 use super::png_chunks::PngChunks;
 use super::upright::{PictureSize, turn_of};
 use image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder};
@@ -22,12 +26,15 @@ pub(crate) struct Raster {
     pub(crate) rescaled: bool,
     /// Turn that makes the stored rows upright, from EXIF data.
     pub(crate) turn: Turn,
+    /// Meaning of the codes as colours, if the file states another than sRGB. Depth and masks ignore it.
+    pub(crate) color: Result<Option<ColorSpace>, ColorError>,
 }
 
 impl Raster {
     /// Makes an image of a format without orientation and with samples of the whole range.
     pub(crate) fn plain(width: usize, height: usize, channels: usize, samples: Samples) -> Self {
-        Self { width, height, channels, samples, rescaled: false, turn: Turn::NoTransforms }
+        let turn = Turn::NoTransforms;
+        Self { width, height, channels, samples, rescaled: false, turn, color: Ok(None) }
     }
 }
 
@@ -51,7 +58,7 @@ enum Sample {
 }
 
 /// Size and type of an image, from its header.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Head {
     pub(crate) width: usize,
     pub(crate) height: usize,
@@ -61,6 +68,8 @@ pub(crate) struct Head {
     /// Same as [`Raster::rescaled`].
     pub(crate) rescaled: bool,
     turn: Turn,
+    /// Same as [`Raster::color`].
+    pub(crate) color: Result<Option<ColorSpace>, ColorError>,
 }
 
 impl Head {
@@ -119,12 +128,12 @@ pub(crate) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneE
 /// The JPEG decoder selects instructions for the machine. No test compares its bits between instruction sets.
 pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
     file.contain(format, || {
-        if format == FileFormat::Jpeg && !jpeg_is_whole(&file.bytes) {
-            return Err(file.unreadable(format, "the file ends within the image"));
-        }
         let mut opened = open(file, format)?;
-        let Head { width, height, channels, sample, rescaled, turn } =
+        let Head { width, height, channels, sample, rescaled, turn, color } =
             head_of(file, format, &mut opened)?;
+        if format == FileFormat::Jpeg {
+            jpeg::check(&file.bytes).map_err(|damage| file.unreadable(format, damage))?;
+        }
         let (decoder, count) = (opened.0, width * height * channels);
         let failed = |error| file.unreadable(format, error);
         let samples = match sample {
@@ -144,7 +153,7 @@ pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
                 Samples::F32(values)
             }
         };
-        Ok(Raster { width, height, channels, samples, rescaled, turn })
+        Ok(Raster { width, height, channels, samples, rescaled, turn, color })
     })
 }
 
@@ -175,26 +184,25 @@ fn head_of(
     let is_partial = original_max.is_some_and(|max| max != type_max);
     // Byte 24 of a PNG holds the bits per sample, which the decoder does not report.
     let is_narrow = format == FileFormat::Png && file.bytes[24] < 8;
-    let turn = match format {
-        FileFormat::Png => turn_of(PngChunks::find(&file.bytes).exif),
-        FileFormat::Jpeg => {
-            let exif = decoder.exif_metadata().map_err(|error| file.unreadable(format, error))?;
-            turn_of(exif.as_deref())
+    let failed = |error: image::ImageError| file.unreadable(format, error);
+    let (turn, color) = match format {
+        FileFormat::Png => {
+            let chunks = PngChunks::find(&file.bytes);
+            let icc = decoder.icc_profile().map_err(failed)?;
+            (turn_of(chunks.exif), meaning::of_png(&chunks, icc.as_deref(), channels))
         }
-        _ => Turn::NoTransforms,
+        FileFormat::Jpeg => {
+            let exif = decoder.exif_metadata().map_err(failed)?;
+            let icc = decoder.icc_profile().map_err(failed)?;
+            let head = jpeg::Head::find(&file.bytes);
+            let color = meaning::of_jpeg(icc.as_deref(), head.has_icc, head.components);
+            (turn_of(exif.as_deref()), color)
+        }
+        _ => (Turn::NoTransforms, Ok(None)),
     };
     let (width, height) = (width as usize, height as usize);
-    Ok(Head { width, height, channels, sample, rescaled: is_partial || is_narrow, turn })
-}
-
-/// True if an end marker follows the start of the last scan. Neither marker can occur inside a scan. Without this
-/// check, the decoder fills the missing part of a truncated file with grey.
-pub fn jpeg_is_whole(bytes: &[u8]) -> bool {
-    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
-    match (last(0xda), last(0xd9)) {
-        (Some(scan), Some(end)) => scan < end,
-        _ => false,
-    }
+    let rescaled = is_partial || is_narrow;
+    Ok(Head { width, height, channels, sample, rescaled, turn, color })
 }
 
 #[cfg(test)]

@@ -176,6 +176,7 @@ pub(crate) mod tests {
                     samples: Samples::U8(wide(&codes)),
                     rescaled: false,
                     turn: Turn::from_exif(tag).unwrap(),
+                    color: Ok(None),
                 };
                 assert_eq!(raster.size().exif_orientation, tag);
                 let upright = raster.read_as(Orientation::Upright);

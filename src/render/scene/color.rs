@@ -2,6 +2,7 @@
 
 use super::{highlights, transfer};
 use crate::formats::PictureSize;
+use crate::formats::color_space::ColorSpace;
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::npy::{Axes, NpyHead, NpyImage};
@@ -39,18 +40,26 @@ pub(super) fn decode(
         FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
     };
+    let unusable = |source| SceneError::Color { path: file.path.clone(), source };
     let raster = raster.read_as(orientation);
     let Raster { width, height, channels, .. } = raster;
-    let radiance = match &raster.samples {
-        Samples::U8(codes) => {
+    let space = raster.color.map_err(unusable)?;
+    let radiance = match (&raster.samples, &space) {
+        (Samples::U8(codes), Some(space)) => {
+            converted(codes, channels, space, transfer, scale, 255)
+        }
+        (Samples::U16(codes), Some(space)) => {
+            converted(codes, channels, space, transfer, scale, 65535)
+        }
+        (Samples::U8(codes), None) => {
             let tables = each(scale, |factor| transfer::table_8(transfer, factor));
             pixels(codes, channels, |code, c| tables[c][code as usize])
         }
-        Samples::U16(codes) => {
+        (Samples::U16(codes), None) => {
             let tables = each(scale, |factor| transfer::table_16(transfer, factor));
             pixels(codes, channels, |code, c| tables[c][code as usize])
         }
-        Samples::F32(values) => pixels(values, channels, |value, c| {
+        (Samples::F32(values), _) => pixels(values, channels, |value, c| {
             (transfer::to_linear(transfer, value as f64) * scale[c]) as f32
         }),
     };
@@ -94,7 +103,10 @@ pub(super) fn size(file: &NamedBytes, length: u64) -> Result<PictureSize, SceneE
         }
         format => {
             let head = raster::head(file, format)?;
-            Ok(head.size())
+            let size = head.size();
+            head.color
+                .map(|_| size)
+                .map_err(|source| SceneError::Color { path: file.path.clone(), source })
         }
     }
 }
@@ -128,6 +140,34 @@ fn each(scale: [f64; 3], table: impl Fn(f64) -> Vec<f32>) -> [Rc<Vec<f32>>; 3] {
     };
     let (green, blue) = (other(scale[1]), other(scale[2]));
     [red, green, blue]
+}
+
+/// Converts codes of another colour space than sRGB to linear Rec.709, times `scale`. The transfer function `linear`
+/// replaces the curves of the space.
+fn converted<T: Copy + Into<usize>>(
+    codes: &[T],
+    channels: usize,
+    space: &ColorSpace,
+    transfer: Transfer,
+    scale: [f64; 3],
+    max: u16,
+) -> Vec<[f32; 4]> {
+    let tables = match transfer {
+        Transfer::Srgb => space.tables(max),
+        Transfer::Linear => {
+            let line = || (0..=max).map(|code| f64::from(code) / f64::from(max)).collect();
+            [line(), line(), line()]
+        }
+    };
+    let color = |r: T, g: T, b: T| {
+        let [r, g, b] = [r, g, b].map(Into::into);
+        let rgb = space.rec709([tables[0][r], tables[1][g], tables[2][b]]);
+        [rgb[0] * scale[0], rgb[1] * scale[1], rgb[2] * scale[2], 0.0].map(|v| v as f32)
+    };
+    match channels {
+        1 | 2 => codes.chunks_exact(channels).map(|p| color(p[0], p[0], p[0])).collect(),
+        _ => codes.chunks_exact(channels).map(|p| color(p[0], p[1], p[2])).collect(),
+    }
 }
 
 /// Converts samples to pixels with `linear(sample, channel)`.
@@ -298,5 +338,44 @@ mod tests {
         let color = decode(&map, Upright, Transfer::Linear, [1.0; 3]).unwrap();
         assert_eq!(color.radiance, [[1.5, 0.25, 40.0, 0.0]]);
         assert_eq!(color.max_radiance, 40.0);
+    }
+
+    /// A picture in another colour space has the radiance of its sRGB twin by LittleCMS, within one 8-bit step. Its
+    /// light multiplies the converted values, and `linear` replaces the curve, but not the primaries.
+    #[test]
+    fn colour_spaces_are_converted_to_rec709() {
+        let folder =
+            std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/formats/icc");
+        let file = |name: &str| NamedBytes {
+            path: name.into(),
+            bytes: std::fs::read(folder.join(name)).unwrap(),
+        };
+        let encoder = crate::color::SrgbEncoder::new();
+        for name in ["p3", "adobe", "grey-table", "chunk-cicp"] {
+            let scale = [0.5, 2.0, 1.0];
+            let (tagged, twin) = (file(&format!("{name}.png")), file(&format!("{name}.srgb.png")));
+            let found = decode(&tagged, Upright, Transfer::Srgb, scale).unwrap();
+            let expected = decode(&twin, Upright, Transfer::Srgb, scale).unwrap();
+            for (a, b) in found.radiance.iter().zip(&expected.radiance) {
+                for c in 0..3 {
+                    let [a, b] = [a[c], b[c]].map(|v| encoder.encode(v / scale[c] as f32));
+                    assert!(a.abs_diff(b) <= 1, "{name} {a} {b}");
+                }
+                assert_eq!(a[3], 0.0);
+            }
+        }
+        // In `linear`, the codes of Display P3 are linear; white stays white.
+        let found = linear(&file("p3.png"));
+        let [r, g, b, _] = found[512 - 8 * 8 + 7];
+        assert!(r == 1.0 && g == 0.0, "{r} {g} {b}");
+        let error = color_error(&file("refused-table.png"));
+        assert!(error.contains("refused-table.png cannot be used: its ICC profile"), "{error}");
+        // The header suffices to refuse it.
+        let refused = file("refused-table.png");
+        assert!(size(&refused, refused.bytes.len() as u64).is_err());
+    }
+
+    fn color_error(file: &NamedBytes) -> String {
+        decode(file, Upright, Transfer::Srgb, [1.0; 3]).err().unwrap().to_string()
     }
 }

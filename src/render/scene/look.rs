@@ -7,7 +7,7 @@ use super::{color, depth, mask, panorama};
 use crate::formats::PictureSize;
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
-use crate::formats::{ply, raster};
+use crate::formats::{jpeg, ply, raster};
 use crate::line::{Orientation, Transfer};
 
 /// Number of bytes at a file's start that contain the header of most files; a JPEG may have a preview before its size.
@@ -64,8 +64,8 @@ pub fn look(role: FileRole, ends: &FileEnds) -> Result<Look, SceneError> {
 pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<PictureSize>, SceneError> {
     let size = size(role, file, file.bytes.len() as u64)?;
     let is_jpeg = file.bytes.starts_with(&[0xff, 0xd8, 0xff]);
-    // A JPEG with an end marker is complete, so decoding it would only cost time.
-    if !(is_jpeg && raster::jpeg_is_whole(&file.bytes)) {
+    // The check of a JPEG reads all of its data, so decoding would only cost time.
+    if !(is_jpeg && jpeg::check(&file.bytes).is_ok()) {
         match role {
             FileRole::Color | FileRole::Panorama => {
                 drop(color::decode(file, Orientation::Stored, Transfer::Linear, [1.0; 3])?);

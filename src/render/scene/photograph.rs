@@ -114,6 +114,14 @@ pub fn decode_linear_image(file: &NamedBytes) -> Result<(usize, usize, Vec<[f32;
     Ok((color.width, color.height, pixels.collect()))
 }
 
+/// Decodes width, height and linear radiance of an upright sRGB colour image.
+pub(crate) fn decode_srgb_image(
+    file: &NamedBytes,
+) -> Result<(usize, usize, Vec<[f32; 4]>), SceneError> {
+    let color = color::decode(file, Orientation::Upright, Transfer::Srgb, [1.0; 3])?;
+    Ok((color.width, color.height, color.radiance))
+}
+
 /// Scales intrinsics to an image of `width` x `height` pixels with the same field of view.
 fn scale_intrinsics(given: &Intrinsics, width: usize, height: usize) -> Intrinsics {
     let (x, y) = match given.size {

@@ -10,11 +10,11 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Name of the set of scenes. Every change of the set needs a new name.
-pub(super) const SET: &str = "builtin/3";
+pub(super) const SET: &str = "builtin/4";
 
 /// Tracer version of the digests below.
 #[cfg(test)]
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// Names and digests of the scenes of [`golden_scenes`].
 #[rustfmt::skip]
 const DIGESTS: &[(&str, &str)] = &[
