@@ -100,7 +100,7 @@ fn whole_sphere(file: &NamedBytes, size: PictureSize) -> Result<PictureSize, Sce
     Ok(size)
 }
 
-/// True if a PNG or JPEG ends with its end marker, or if a PNM is long enough. Also true for other formats, and if the
+/// True if a PNG or JPEG ends with its end marker (and the data of a whole JPEG are sound), or if a PNM is long enough. Also true for other formats, and if the
 /// end was not read.
 fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
     let end = match &ends.end {
@@ -110,7 +110,9 @@ fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
     };
     match ends.start.format("") {
         Ok(FileFormat::Png) => end.ends_with(b"IEND\xae\x42\x60\x82"),
-        Ok(FileFormat::Jpeg) => end.ends_with(&[0xff, 0xd9]),
+        Ok(FileFormat::Jpeg) => {
+            end.ends_with(&[0xff, 0xd9]) && !(is_whole && jpeg::check(&ends.start.bytes).is_err())
+        }
         Ok(FileFormat::Pnm) => raster::head(&ends.start, FileFormat::Pnm)
             .is_ok_and(|head| ends.length >= head.pnm_bytes(&ends.start.bytes)),
         _ => true,

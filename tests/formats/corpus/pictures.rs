@@ -63,7 +63,10 @@ pub(crate) fn images() -> Vec<(String, Vec<u8>)> {
         ("progressive.jpg", include_bytes!("../jpeg/progressive.jpg").to_vec()),
         ("restarts.jpg", include_bytes!("../jpeg/restarts.jpg").to_vec()),
         ("cmyk.jpg", include_bytes!("../jpeg/cmyk.jpg").to_vec()),
-        ("turned.jpg", include_bytes!("../../../src/render/shard/golden_pictures/turned.jpg").to_vec()),
+        (
+            "turned.jpg",
+            include_bytes!("../../../src/render/shard/golden_pictures/turned.jpg").to_vec(),
+        ),
         ("p3.jpg", include_bytes!("../icc/p3-jpeg.jpg").to_vec()),
         ("p3.png", include_bytes!("../icc/p3.png").to_vec()),
         ("table.png", include_bytes!("../icc/refused-table.png").to_vec()),
