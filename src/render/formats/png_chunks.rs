@@ -29,7 +29,7 @@ impl<'a> PngChunks<'a> {
                 b"iCCP" => found.has_icc = true,
                 b"sRGB" => found.is_srgb = true,
                 b"gAMA" => {
-                    found.gamma = found.gamma.or(data.try_into().ok().map(u32::from_be_bytes))
+                    found.gamma = found.gamma.or(data.try_into().ok().map(u32::from_be_bytes));
                 }
                 b"cHRM" if data.len() == 32 => {
                     let words = data.as_chunks::<4>().0;
@@ -52,14 +52,14 @@ pub(crate) mod tests {
     use image::ExtendedColorType;
 
     /// Inserts a chunk before the pixels of a PNG, with a right checksum.
-    pub(crate) fn with_chunk(bytes: &[u8], name: &[u8; 4], data: &[u8]) -> Vec<u8> {
+    pub(crate) fn with_chunk(bytes: &[u8], name: [u8; 4], data: &[u8]) -> Vec<u8> {
         // IHDR ends at byte 33.
         insert(bytes, 33, name, data)
     }
 
-    fn insert(bytes: &[u8], at: usize, name: &[u8; 4], data: &[u8]) -> Vec<u8> {
+    fn insert(bytes: &[u8], at: usize, name: [u8; 4], data: &[u8]) -> Vec<u8> {
         let length = (data.len() as u32).to_be_bytes();
-        let chunk = [&length[..], name, data, &[0; 4]].concat();
+        let chunk = [&length[..], &name, data, &[0; 4]].concat();
         let mut all = bytes.to_vec();
         all.splice(at..at, chunk);
         repair_png(&mut all);
@@ -70,12 +70,12 @@ pub(crate) mod tests {
     fn chunks_are_found_in_any_place() {
         let plain = png(&[1, 2, 3], 1, 1, ExtendedColorType::Rgb8).bytes;
         assert_eq!(PngChunks::find(&plain), PngChunks::default());
-        let many = with_chunk(&plain, b"gAMA", &45_455u32.to_be_bytes());
-        let many = with_chunk(&many, b"cHRM", &[0; 32]);
-        let many = with_chunk(&many, b"cICP", &[12, 13, 0, 1]);
-        let many = with_chunk(&many, b"sRGB", &[0]);
+        let many = with_chunk(&plain, *b"gAMA", &45_455u32.to_be_bytes());
+        let many = with_chunk(&many, *b"cHRM", &[0; 32]);
+        let many = with_chunk(&many, *b"cICP", &[12, 13, 0, 1]);
+        let many = with_chunk(&many, *b"sRGB", &[0]);
         let end = many.len() - 12;
-        let many = insert(&many, end, b"eXIf", b"II");
+        let many = insert(&many, end, *b"eXIf", b"II");
         let found = PngChunks::find(&many);
         assert_eq!((found.gamma, found.cicp), (Some(45_455), Some([12, 13, 0, 1])));
         assert_eq!((found.chromaticities, found.is_srgb), (Some([0; 8]), true));

@@ -71,7 +71,7 @@ pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<Picture
                 drop(color::decode(file, Orientation::Stored, Transfer::Linear, [1.0; 3])?);
             }
             FileRole::Depth | FileRole::PanoramaDepth => {
-                drop(depth::decode(file, Orientation::Stored, 1.0)?)
+                drop(depth::decode(file, Orientation::Stored, 1.0)?);
             }
             FileRole::Mask => drop(mask::decode(file, Orientation::Stored)?),
             FileRole::Mesh => drop(ply::decode(file)?),

@@ -64,7 +64,7 @@ pub(super) fn ac(
     if *run > 0 {
         if !pass.is_first {
             for k in k..=pass.last {
-                bits.take((*nonzero >> k & 1) as u32)?;
+                bits.take(((*nonzero >> k) & 1) as u32)?;
             }
         }
         *run -= 1;
@@ -82,7 +82,7 @@ fn skip_zeros(
     mut zeros: usize,
 ) -> Result<usize, Problem> {
     for k in first..=pass.last {
-        if nonzero >> k & 1 == 1 {
+        if (nonzero >> k) & 1 == 1 {
             bits.take(1)?;
         } else if zeros == 0 {
             return Ok(k);

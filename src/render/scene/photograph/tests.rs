@@ -144,7 +144,7 @@ fn all_orientations_equal_their_upright_twins() {
             let upright = png(pixels.as_raw(), twin.width(), twin.height(), Png::Rgb8);
             let bytes = match stored.bytes[0] {
                 0xff => turned_jpeg(&stored.bytes, tag),
-                _ => with_chunk(&stored.bytes, b"eXIf", &exif(tag)),
+                _ => with_chunk(&stored.bytes, *b"eXIf", &exif(tag)),
             };
             let turned = NamedBytes { path: stored.path.clone(), bytes };
             let expected = decode_photograph(&line(), &files_of(upright, size)).unwrap();
@@ -171,7 +171,7 @@ fn turned_depth_and_mask_become_upright() {
     let mask = png(&[255, 0, 255, 255, 255, 255, 255, 255], 4, 2, Png::L8);
     let turn = |file: &NamedBytes, tag| NamedBytes {
         path: file.path.clone(),
-        bytes: with_chunk(&file.bytes, b"eXIf", &exif(tag)),
+        bytes: with_chunk(&file.bytes, *b"eXIf", &exif(tag)),
     };
     let color = png(&[9; 8], 2, 4, Png::L8);
     // 8 is a quarter turn counterclockwise: the right column becomes the first row.
