@@ -1,6 +1,6 @@
 //! Errors of the evaluation.
 
-use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
+use render::formats::SceneError;
 use std::io;
 use std::path::PathBuf;
 
@@ -8,13 +8,9 @@ use std::path::PathBuf;
 pub enum EvaluateError {
     #[error("cannot read {}: {source}; check the path and its permissions", path.display())]
     Read { path: PathBuf, source: io::Error },
-    #[error("cannot read {} as a PNG or JPEG picture: {reason}; fetch or export it again", path.display())]
-    Picture { path: PathBuf, reason: String },
-    #[error(
-        "{} has {width} x {height} px; give a picture with 1 to {MAX_SIDE} px per side and at most {MAX_PIXELS} px in total",
-        path.display()
-    )]
-    Size { path: PathBuf, width: u32, height: u32 },
+    /// A picture that is damaged, too large, or of colours that cannot be converted.
+    #[error(transparent)]
+    Picture(#[from] SceneError),
     #[error(
         "{} has transparent pixels; flatten it onto a background and save it without an alpha channel",
         path.display()

@@ -1,103 +1,29 @@
-//! Reads pictures as upright 8-bit RGB.
-//!
-//! Treats samples as sRGB codes. Ignores colour profiles and gamma chunks, like the programs behind published scores.
+//! Reads pictures as upright 8-bit sRGB, with the reader of a scene's colour images.
 
 use super::EvaluateError;
-use image::codecs::{jpeg::JpegDecoder, png::PngDecoder};
-use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageError, RgbImage};
-use render::formats::jpeg_is_whole;
-use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
-use std::io::Cursor;
+use image::RgbImage;
+use render::formats::{NamedBytes, decode_srgb_picture};
 use std::path::Path;
-
-const PNG_MAGIC: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
-const JPEG_MAGIC: [u8; 2] = [0xff, 0xd8];
 
 /// Reads a PNG or JPEG file; the ending of its name does not matter. See [`decode_picture`].
 pub fn read_picture(path: &Path) -> Result<RgbImage, EvaluateError> {
     let bytes = render::input_file::read(path)
         .map_err(|source| EvaluateError::Read { path: path.to_owned(), source })?;
-    decode_picture(path, &bytes)
+    decode_picture(path, bytes)
 }
 
 /// Decodes the bytes of a PNG or JPEG file; `path` appears in messages.
 ///
-/// Applies the EXIF orientation. Rounds 16-bit samples to 8 bits, expands grey to three equal channels, drops an opaque
-/// alpha channel and rejects any other alpha channel.
-pub fn decode_picture(path: &Path, bytes: &[u8]) -> Result<RgbImage, EvaluateError> {
-    let unreadable = |reason: String| EvaluateError::Picture { path: path.to_owned(), reason };
-    let failed = |error: ImageError| unreadable(error.to_string());
-    let reader = Cursor::new(bytes);
-    let (mut picture, orientation) = if bytes.starts_with(&PNG_MAGIC) {
-        read(path, PngDecoder::with_limits(reader, limits()).map_err(failed)?)?
-    } else if bytes.starts_with(&JPEG_MAGIC) {
-        if !jpeg_is_whole(bytes) {
-            return Err(unreadable("the end of the picture is missing".to_owned()));
-        }
-        read(path, JpegDecoder::new(reader).map_err(failed)?)?
-    } else {
-        return Err(unreadable("its first bytes fit neither format".to_owned()));
-    };
-    picture.apply_orientation(orientation);
-    if picture.color().has_alpha() && !is_opaque(&picture) {
+/// Applies the EXIF orientation and converts other colour spaces to sRGB. Rounds 16-bit samples to 8 bits, expands grey
+/// to three equal channels, drops an opaque alpha channel and rejects any other alpha channel.
+pub fn decode_picture(path: &Path, bytes: Vec<u8>) -> Result<RgbImage, EvaluateError> {
+    let picture = decode_srgb_picture(&NamedBytes { path: path.to_owned(), bytes })?;
+    if !picture.is_opaque {
         return Err(EvaluateError::Transparent { path: path.to_owned() });
     }
-    Ok(match picture {
-        DynamicImage::ImageRgb8(image) => image,
-        // The image crate does not document how it rounds 16 bits to 8.
-        wide @ (DynamicImage::ImageRgb16(_)
-        | DynamicImage::ImageRgba16(_)
-        | DynamicImage::ImageLuma16(_)
-        | DynamicImage::ImageLumaA16(_)) => {
-            let wide = wide.into_rgb16();
-            RgbImage::from_fn(wide.width(), wide.height(), |x, y| {
-                wide.get_pixel(x, y).0.map(narrow).into()
-            })
-        }
-        other => other.into_rgb8(),
-    })
-}
-
-/// Rounds a 16-bit code to 8 bits. The 8-bit code c and the 16-bit code 257 c have the same value.
-fn narrow(code: u16) -> u8 {
-    ((u32::from(code) + 128) / 257) as u8
-}
-
-/// Checks the size, then reads the pixels and the EXIF orientation.
-fn read(
-    path: &Path,
-    mut decoder: impl ImageDecoder,
-) -> Result<(DynamicImage, Orientation), EvaluateError> {
-    let (width, height) = decoder.dimensions();
-    let side = 1..=MAX_SIDE as u32;
-    let fits = side.contains(&width) && side.contains(&height);
-    if !fits || width as usize * height as usize > MAX_PIXELS {
-        return Err(EvaluateError::Size { path: path.to_owned(), width, height });
-    }
-    // Damaged EXIF data does not affect the pixels.
-    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
-    let picture = DynamicImage::from_decoder(decoder).map_err(|error| EvaluateError::Picture {
-        path: path.to_owned(),
-        reason: error.to_string(),
-    })?;
-    Ok((picture, orientation))
-}
-
-fn limits() -> image::Limits {
-    let mut limits = image::Limits::default();
-    limits.max_alloc = Some(MAX_PIXELS as u64 * 8 + (64 << 20));
-    limits
-}
-
-fn is_opaque(picture: &DynamicImage) -> bool {
-    match picture {
-        DynamicImage::ImageLumaA8(image) => image.pixels().all(|p| p[1] == u8::MAX),
-        DynamicImage::ImageRgba8(image) => image.pixels().all(|p| p[3] == u8::MAX),
-        DynamicImage::ImageLumaA16(image) => image.pixels().all(|p| p[1] == u16::MAX),
-        DynamicImage::ImageRgba16(image) => image.pixels().all(|p| p[3] == u16::MAX),
-        _ => true,
-    }
+    let (width, height) = (picture.width as u32, picture.height as u32);
+    let image = RgbImage::from_raw(width, height, picture.rgb);
+    Ok(image.expect("the reader returns all pixels"))
 }
 
 #[cfg(test)]
@@ -118,7 +44,7 @@ mod tests {
     }
 
     fn decode(bytes: &[u8]) -> Result<RgbImage, EvaluateError> {
-        decode_picture(Path::new("a.png"), bytes)
+        decode_picture(Path::new("a.png"), bytes.to_vec())
     }
 
     /// Makes a JPEG of 16 x 8 px, with a red left half, a blue right half and this EXIF orientation.
@@ -165,9 +91,6 @@ mod tests {
         let samples = wide(&[257 * 30, 65535]);
         let grey = decode(&png(&samples, 1, 1, ExtendedColorType::La16)).unwrap();
         assert_eq!(grey.as_raw(), &[30; 3]);
-        for code in 0..=u16::MAX {
-            assert_eq!(f64::from(narrow(code)), (f64::from(code) / 257.0).round());
-        }
     }
 
     #[test]

@@ -40,9 +40,18 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
 fn picture(found: &mut Inspection, file: &NamedBytes) -> Result<(), SceneError> {
     let encoding = "8-bit sRGB, values above 1 clipped; tuple.exr has the radiance";
     say_layer(found, &file.path.to_string_lossy(), encoding);
-    if let Some([width, height]) = look_at_whole(FileRole::Color, file)? {
+    if let Some(size) = look_at_whole(FileRole::Color, file)? {
+        let [width, height] = size.upright_px();
         let text = format!("{width} x {height} px, usable as a colour image");
         found.facts.fact("image", text, json!([width, height]));
+        if size.exif_orientation != 1 {
+            let [width, height] = size.stored_px;
+            let tag = size.exif_orientation;
+            let text = format!(
+                "{tag} (EXIF): {width} x {height} px are stored, and readers turn them upright"
+            );
+            found.facts.fact("orientation", text, json!(tag));
+        }
     }
     Ok(())
 }

@@ -102,6 +102,9 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
     tell(found, object.as_object().into_iter().flatten());
     let inputs = many(record.inputs.0.len() as u64, "input file");
     found.facts.fact("inputs", inputs, json!(record.inputs));
+    for note in record.facts.notes() {
+        found.facts.say("depth", note);
+    }
     if record.tracer_version != TRACER_VERSION {
         found.next.push(format!(
             "tracer version {} made it, but this program has {TRACER_VERSION}",

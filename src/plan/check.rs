@@ -5,11 +5,14 @@
 
 use super::inputs::{InputFiles, StoreUnavailable};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use render::formats::NamedBytes;
+use render::formats::{NamedBytes, PictureSize};
 use render::ids::SceneId;
 use render::input_file::{InputFile, MAX_FILE_BYTES};
-use render::line::{Roots, SceneLine, Side, is_url};
-use render::scene::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
+use render::line::{Photograph, Roots, SceneLine, Side, is_url};
+use render::scene::{
+    END_BYTES, FileEnds, FileRole, Look, PhotographSizes, START_BYTES, check_turned, far_depth_m,
+    far_text, look, look_at_whole,
+};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -61,8 +64,8 @@ pub fn invalid_text(invalid: &[InvalidInput], files: usize) -> String {
 enum Checked {
     Sound {
         bytes: u64,
-        /// Width and height of an image, px; `None` for a mesh.
-        size: Option<[usize; 2]>,
+        /// Size of an image; `None` for a mesh.
+        size: Option<PictureSize>,
     },
     Wrong(String),
     /// A pipe, a device, or a file that is too large: probably a wrong path, not a damaged photograph.
@@ -147,6 +150,31 @@ impl<'a> Checker<'a> {
         Ok(invalid.into_values().collect())
     }
 
+    /// Reads one usable depth file of each folder or root and unit, because a wrong unit is that of a whole data set.
+    /// Returns remarks on those that are probably too far.
+    pub(super) fn far_depths(&self, lines: &[SceneLine]) -> Vec<String> {
+        let mut first: BTreeMap<(&str, u64), &Photograph> = BTreeMap::new();
+        let sides = lines.iter().flat_map(|line| [&line.front, &line.back]);
+        for photograph in sides.filter_map(Side::photograph) {
+            let place = match photograph.depth.split_once(':') {
+                Some((root, _)) => root,
+                None => photograph.depth.rsplit_once('/').map_or("", |(folder, _)| folder),
+            };
+            let key = (photograph.depth.clone(), FileRole::Depth);
+            if matches!(self.seen.get(&key), Some(Checked::Sound { .. })) {
+                first.entry((place, photograph.depth_unit_m.to_bits())).or_insert(photograph);
+            }
+        }
+        let note = |photograph: &&Photograph| {
+            let path = self.roots.resolve(Path::new(""), &photograph.depth).ok()?;
+            // A worker names a file that cannot be decoded.
+            let bytes = self.inputs.read(&path).ok()?;
+            let far_m = far_depth_m(photograph, &named(bytes)).ok()??;
+            Some(far_text(&photograph.depth, far_m))
+        };
+        first.values().filter_map(note).collect()
+    }
+
     fn check_files(&self, files: &[(&str, FileRole)]) -> Result<Vec<Checked>, StoreUnavailable> {
         let paths: Vec<_> = files
             .iter()
@@ -187,23 +215,40 @@ impl<'a> Checker<'a> {
                     problems.push((path, problem.clone()));
                 }
             }
-            if let Side::Photograph(photograph) = side
-                && let Some(mask) = &photograph.mask
-                && let Some(Checked::Sound { size: Some(of_mask), .. }) = seen(mask, FileRole::Mask)
-                && let Some(Checked::Sound { size: Some(of_depth), .. }) =
-                    seen(&photograph.depth, FileRole::Depth)
-                && of_mask != of_depth
-            {
-                let ([w, h], [width, height]) = (of_mask, of_depth);
-                problems.push((
-                    mask,
-                    format!(
-                        "it has {w}x{h} pixels, but the depth image has {width}x{height}; give a mask of the depth's size, or none"
-                    ),
-                ));
+            if let Side::Photograph(photograph) = side {
+                problems.extend(self.problem_of_sizes(photograph));
             }
         }
         problems
+    }
+
+    /// Returns a problem of the sizes of a photograph's usable files, with the file to blame.
+    fn problem_of_sizes<'l>(&self, photograph: &'l Photograph) -> Option<(&'l str, String)> {
+        let size = |path: &str, role| match self.seen.get(&(path.to_owned(), role)) {
+            Some(Checked::Sound { size, .. }) => *size,
+            _ => None,
+        };
+        let Photograph { color, depth, mask, orientation, .. } = photograph;
+        let of_depth = size(depth, FileRole::Depth)?;
+        let of_mask = mask.as_deref().and_then(|mask| Some((mask, size(mask, FileRole::Mask)?)));
+        if let Some(of_color) = size(color, FileRole::Color) {
+            let sizes = PhotographSizes {
+                color: (Path::new("it"), of_color),
+                depth: (Path::new(depth), of_depth),
+                mask: of_mask.map(|(mask, size)| (Path::new(mask), size)),
+            };
+            if let Err(error) = check_turned(photograph, &sizes) {
+                return Some((color, error.to_string()));
+            }
+        }
+        let (mask, of_mask) = of_mask?;
+        let [[w, h], [width, height]] = [of_mask, of_depth].map(|size| size.used_px(*orientation));
+        ([w, h] != [width, height]).then(|| {
+            let problem = format!(
+                "it has {w}x{h} pixels, but the depth image has {width}x{height}; give a mask of the depth's size, or none"
+            );
+            (mask, problem)
+        })
     }
 }
 
@@ -318,7 +363,10 @@ mod tests {
             atomic_file::write_relaxed(&path, &bytes).unwrap();
             match seen(&path, FileRole::Depth) {
                 Checked::Sound { bytes: length, size } => {
-                    assert_eq!((length, size), (bytes.len() as u64, Some([count, 1])));
+                    assert_eq!(
+                        (length, size),
+                        (bytes.len() as u64, Some(PictureSize::plain([count, 1])))
+                    );
                 }
                 wrong => panic!("{wrong:?}"),
             }

@@ -75,12 +75,16 @@ pub fn draft(
             return Err(DraftError::Invalid { invalid, files: checker.files(), remedy });
         }
     };
+    let mut notes = draft.notes;
+    if request.checks_files {
+        notes.extend(checker.far_depths(&draft.lines));
+    }
     Ok(Drafted {
         input_bytes: request.checks_files.then(|| checker.bytes(&draft.lines)),
         files: checker.files(),
         left_out_kind: content.left_out_kind(),
         lines: draft.lines,
-        notes: draft.notes,
+        notes,
         rejected: draft.rejected,
         to_make: draft.to_make,
         invalid,

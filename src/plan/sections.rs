@@ -111,6 +111,7 @@ fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograp
             None => rooted(&image.depth),
         },
         mask: image.mask.as_ref().map(rooted),
+        orientation: source.orientation,
         transfer: source.transfer,
         depth_unit_m: source.depth_unit_m,
         depth_kind: source.depth_kind,

@@ -1,6 +1,8 @@
 //! `[sources.NAME]` of a recipe: a set of photographs.
 
-use render::line::{DepthKind, DepthRange, Fill, Highlights, Intrinsics, Transfer, one};
+use render::line::{
+    DepthKind, DepthRange, Fill, Highlights, Intrinsics, Orientation, Transfer, one,
+};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::fmt;
@@ -54,6 +56,9 @@ pub struct Source {
     /// Capture camera. Default: the camera of DIODE, which fits images of the same field of view.
     #[serde(default = "Intrinsics::diode")]
     pub intrinsics: Intrinsics,
+    /// Order of the pixels: `upright` applies the EXIF orientation of the files, `stored` ignores it. Default upright.
+    #[serde(default)]
+    pub orientation: Orientation,
     /// Coding of the colour images. Default srgb.
     #[serde(default)]
     pub transfer: Transfer,

@@ -4,7 +4,7 @@ use super::param::Param;
 use super::recipe_check::{bad, within};
 use super::recipe_error::RecipeError;
 use super::source::{Layout, Source};
-use render::line::{DepthKind, Fill, Intrinsics, Transfer};
+use render::line::{DepthKind, Fill, Intrinsics, Orientation, Transfer};
 
 /// Largest number of procedural photographs of a source: the largest number of pairs in a split.
 const MAX_SAMPLES: u32 = 1_000_000;
@@ -90,6 +90,7 @@ impl Source {
     fn check_list(&self, key: &str) -> Result<(), RecipeError> {
         let keys = [
             ("intrinsics", self.intrinsics != Intrinsics::diode()),
+            ("orientation", self.orientation != Orientation::default()),
             ("transfer", self.transfer != Transfer::default()),
             ("depth_unit_m", self.depth_unit_m != 1.0),
             ("depth_kind", self.depth_kind != DepthKind::default()),

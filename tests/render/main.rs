@@ -16,6 +16,7 @@ mod light;
 mod list;
 mod mesh;
 mod oracle;
+mod pictures;
 mod places;
 mod real;
 mod real_list;

@@ -225,6 +225,19 @@ fn photographs_are_separated() {
         psnr_db(&whole.join("large.transmission.png"), &file("one/large.transmission.png"));
     assert!(near_db > 30.0, "{near_db}");
 
+    // A Display P3 picture and its sRGB twin have nearly the same result, unlike the same codes without a profile.
+    let colors = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/formats/icc");
+    image::open(colors.join("p3-jpeg.jpg")).unwrap().to_rgb8().save(file("untagged.png")).unwrap();
+    let (p3, twin) = (colors.join("p3-jpeg.jpg"), colors.join("p3-jpeg.srgb.png"));
+    let out = file("colors");
+    let pictures = [text(&p3), text(&twin), text(&file("untagged.png"))].map(str::to_owned);
+    let fixed = ["separate", text(&place.run), "--out", text(&out), "-q"].map(str::to_owned);
+    run(&[&fixed[..], &pictures].concat()).expect(0);
+    let of = |stem: &str| out.join(format!("{stem}.transmission.png"));
+    let (same, other) =
+        (psnr_db(&of("p3-jpeg"), &of("p3-jpeg.srgb")), psnr_db(&of("p3-jpeg"), &of("untagged")));
+    assert!(same > 45.0 && other < 35.0, "{same} {other}");
+
     // `separate` also accepts the folder of a stage or of a checkpoint.
     let stage = place.run.join("train/separation");
     for checkpoint in [&stage, &stage.join("step-0000004")] {

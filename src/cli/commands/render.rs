@@ -79,6 +79,9 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
             "the input files differ from those of the tuple, so the new pixels will differ, too",
         );
     }
+    for note in loaded.scene().facts.notes() {
+        output.warning(&note);
+    }
     if global.dry_run {
         let planned =
             Planned { out: args.out.to_string_lossy(), dry_run: true, scene: &source.line.id };

@@ -1,5 +1,6 @@
 //! Errors in the files of a photograph, panorama or mesh, and in its parameters.
 
+use super::icc::ColorError;
 use crate::line::LineError;
 use std::path::PathBuf;
 
@@ -40,6 +41,26 @@ pub enum SceneError {
         depth_path: PathBuf,
         depth_width: usize,
         depth_height: usize,
+    },
+    /// A colour image whose codes have a meaning that cannot be converted.
+    #[error("{} cannot be used: {source}", path.display())]
+    Color { path: PathBuf, source: ColorError },
+    /// A depth image, a mask or intrinsics that fit the stored rows of a turned colour image, not the upright image.
+    #[error(
+        "{} is stored with {}x{} pixels, and its EXIF orientation {exif_orientation} turns it to {}x{}; {what} has {}x{}, which fits only the stored rows: turn it upright, or set \"orientation\": \"stored\" beside \"color\"",
+        path.display(), stored_px[0], stored_px[1], upright_px[0], upright_px[1], px[0], px[1]
+    )]
+    Turned {
+        /// Path of the colour image.
+        path: PathBuf,
+        /// EXIF orientation of the colour image, 5 to 8.
+        exif_orientation: u8,
+        stored_px: [usize; 2],
+        upright_px: [usize; 2],
+        /// The other file, or the key of the intrinsics.
+        what: String,
+        /// Size that does not fit.
+        px: [usize; 2],
     },
     /// A colour image with NaN, infinite or negative values after `transfer` and `exposure`.
     #[error(

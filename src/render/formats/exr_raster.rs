@@ -165,13 +165,8 @@ impl Pixels {
     }
 
     fn into_raster(self, channels: usize) -> Raster {
-        Raster {
-            width: self.size.width(),
-            height: self.size.height(),
-            channels,
-            samples: Samples::F32(self.values),
-            rescaled: false,
-        }
+        let samples = Samples::F32(self.values);
+        Raster::plain(self.size.width(), self.size.height(), channels, samples)
     }
 }
 

@@ -3,23 +3,32 @@
 //! Hostile bytes in a scene's files cause a [`SceneError`], never a panic. Sizes are checked ([`limits`]) before memory
 //! of that size is allocated.
 
+pub(crate) mod color_space;
 pub(crate) mod error;
 pub(crate) mod exr_raster;
 pub(crate) mod exr_read;
 pub(crate) mod exr_write;
 pub(crate) mod files;
+pub(crate) mod icc;
+pub(crate) mod jpeg;
 pub mod limits;
+mod meaning;
 pub(crate) mod npy;
 pub(crate) mod npy_header;
 pub(crate) mod pfm;
 pub(crate) mod ply;
 pub(crate) mod ply_header;
+pub(crate) mod png_chunks;
 pub(crate) mod raster;
+mod srgb_picture;
+pub(crate) mod upright;
 
 pub use error::SceneError;
 pub use exr_read::{ExrChannels, decode_exr_channels};
 pub use exr_write::{encode_parts_exr, encode_rgb_exr};
 pub use files::{NamedBytes, PanoramaFiles, PhotographFiles};
+pub use icc::ColorError;
 pub use npy_header::npy_facts;
 pub use ply::ply_counts;
-pub use raster::jpeg_is_whole;
+pub use srgb_picture::{SrgbPicture, decode_srgb_picture};
+pub use upright::PictureSize;

@@ -60,7 +60,7 @@ pub(crate) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
     };
     let rows = file.bytes[data_offset..].chunks_exact(row_bytes).rev();
     let values = rows.flat_map(|row| row.as_chunks::<4>().0.iter().map(|&bytes| float(bytes)));
-    Ok(Raster { width, height, channels, samples: Samples::F32(values.collect()), rescaled: false })
+    Ok(Raster::plain(width, height, channels, Samples::F32(values.collect())))
 }
 
 /// Takes the next word and the white-space byte after it.

@@ -1,9 +1,16 @@
 //! Reads PNG, JPEG, PNM and Radiance HDR images with the `image` crate; defines `Raster`, the decoded form of images.
 
+use super::color_space::ColorSpace;
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
+use super::icc::ColorError;
+use super::jpeg;
 use super::limits::{check_size, image_limits};
+use super::meaning;
+use super::png_chunks::PngChunks;
+use super::upright::{PictureSize, turn_of};
 use image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder};
+use image::metadata::Orientation as Turn;
 use image::{ColorType, ImageDecoder};
 use std::io::Cursor;
 
@@ -17,6 +24,18 @@ pub(crate) struct Raster {
     pub(crate) samples: Samples,
     /// True if the decoder scaled codes of another range to the range of the type: right for colour, wrong for depth.
     pub(crate) rescaled: bool,
+    /// Turn that makes the stored rows upright, from EXIF data.
+    pub(crate) turn: Turn,
+    /// Meaning of the codes as colours, if the file states another than sRGB. Depth and masks ignore it.
+    pub(crate) color: Result<Option<ColorSpace>, ColorError>,
+}
+
+impl Raster {
+    /// Makes an image of a format without orientation and with samples of the whole range.
+    pub(crate) fn plain(width: usize, height: usize, channels: usize, samples: Samples) -> Self {
+        let turn = Turn::NoTransforms;
+        Self { width, height, channels, samples, rescaled: false, turn, color: Ok(None) }
+    }
 }
 
 /// The samples of an image, by their type.
@@ -39,7 +58,7 @@ enum Sample {
 }
 
 /// Size and type of an image, from its header.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Head {
     pub(crate) width: usize,
     pub(crate) height: usize,
@@ -48,9 +67,17 @@ pub(crate) struct Head {
     sample: Sample,
     /// Same as [`Raster::rescaled`].
     pub(crate) rescaled: bool,
+    turn: Turn,
+    /// Same as [`Raster::color`].
+    pub(crate) color: Result<Option<ColorSpace>, ColorError>,
 }
 
 impl Head {
+    pub(crate) fn size(&self) -> PictureSize {
+        let stored_px = [self.width, self.height];
+        PictureSize { stored_px, exif_orientation: self.turn.to_exif() }
+    }
+
     /// Returns the least length of a P5 or P6 file with this header, bytes; `u64::MAX` for other PNM files.
     pub(crate) fn pnm_bytes(&self, start: &[u8]) -> u64 {
         if !matches!(start, [b'P', b'5' | b'6', ..]) {
@@ -93,20 +120,20 @@ fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError>
 
 /// Reads the header of a PNG, JPEG, PNM or Radiance HDR file; `file` may hold only its beginning.
 pub(crate) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneError> {
-    file.contain(format, || head_of(file, format, &open(file, format)?))
+    file.contain(format, || head_of(file, format, &mut open(file, format)?))
 }
 
-/// Decodes a PNG, JPEG, PNM or Radiance HDR file. Ignores rotation tags, profiles and gamma chunks, because the scene
-/// line defines the meaning of the values.
+/// Decodes a PNG, JPEG, PNM or Radiance HDR file to its stored rows.
 ///
 /// The JPEG decoder selects instructions for the machine. No test compares its bits between instruction sets.
 pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
     file.contain(format, || {
-        if format == FileFormat::Jpeg && !jpeg_is_whole(&file.bytes) {
-            return Err(file.unreadable(format, "the file ends within the image"));
+        let mut opened = open(file, format)?;
+        let Head { width, height, channels, sample, rescaled, turn, color } =
+            head_of(file, format, &mut opened)?;
+        if format == FileFormat::Jpeg {
+            jpeg::check(&file.bytes).map_err(|damage| file.unreadable(format, damage))?;
         }
-        let opened = open(file, format)?;
-        let Head { width, height, channels, sample, rescaled } = head_of(file, format, &opened)?;
         let (decoder, count) = (opened.0, width * height * channels);
         let failed = |error| file.unreadable(format, error);
         let samples = match sample {
@@ -126,7 +153,7 @@ pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
                 Samples::F32(values)
             }
         };
-        Ok(Raster { width, height, channels, samples, rescaled })
+        Ok(Raster { width, height, channels, samples, rescaled, turn, color })
     })
 }
 
@@ -134,7 +161,7 @@ pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, Sc
 fn head_of(
     file: &NamedBytes,
     format: FileFormat,
-    (decoder, original_max): &Opened<'_>,
+    (decoder, original_max): &mut Opened<'_>,
 ) -> Result<Head, SceneError> {
     let (width, height) = decoder.dimensions();
     check_size(&file.path, width as u64, height as u64)?;
@@ -157,18 +184,25 @@ fn head_of(
     let is_partial = original_max.is_some_and(|max| max != type_max);
     // Byte 24 of a PNG holds the bits per sample, which the decoder does not report.
     let is_narrow = format == FileFormat::Png && file.bytes[24] < 8;
+    let failed = |error: image::ImageError| file.unreadable(format, error);
+    let (turn, color) = match format {
+        FileFormat::Png => {
+            let chunks = PngChunks::find(&file.bytes);
+            let icc = decoder.icc_profile().map_err(failed)?;
+            (turn_of(chunks.exif), meaning::of_png(&chunks, icc.as_deref(), channels))
+        }
+        FileFormat::Jpeg => {
+            let exif = decoder.exif_metadata().map_err(failed)?;
+            let icc = decoder.icc_profile().map_err(failed)?;
+            let head = jpeg::Head::find(&file.bytes);
+            let color = meaning::of_jpeg(icc.as_deref(), head.has_icc, head.components);
+            (turn_of(exif.as_deref()), color)
+        }
+        _ => (Turn::NoTransforms, Ok(None)),
+    };
     let (width, height) = (width as usize, height as usize);
-    Ok(Head { width, height, channels, sample, rescaled: is_partial || is_narrow })
-}
-
-/// True if an end marker follows the start of the last scan. Neither marker can occur inside a scan. Without this
-/// check, the decoder fills the missing part of a truncated file with grey.
-pub fn jpeg_is_whole(bytes: &[u8]) -> bool {
-    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
-    match (last(0xda), last(0xd9)) {
-        (Some(scan), Some(end)) => scan < end,
-        _ => false,
-    }
+    let rescaled = is_partial || is_narrow;
+    Ok(Head { width, height, channels, sample, rescaled, turn, color })
 }
 
 #[cfg(test)]

@@ -14,6 +14,17 @@ pub enum Transfer {
     Linear,
 }
 
+/// Order of the pixels of a photograph's files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Orientation {
+    /// The EXIF orientation of each file is applied.
+    #[default]
+    Upright,
+    /// The rows as they are stored: EXIF orientations are ignored.
+    Stored,
+}
+
 /// Quantity that a depth value measures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]

@@ -41,7 +41,7 @@ mod validate;
 pub use depth_range::DepthRange;
 pub use error::LineError;
 pub use highlights::Highlights;
-pub use image::{Apex, DepthKind, Fill, Intrinsics, Transfer, one};
+pub use image::{Apex, DepthKind, Fill, Intrinsics, Orientation, Transfer, one};
 pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
 pub use layers::LayerSet;
 pub use panorama::{DepthMap, PanoramaDepth, PanoramaFile};

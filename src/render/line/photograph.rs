@@ -2,7 +2,9 @@
 
 use super::depth_range::DepthRange;
 use super::highlights::Highlights;
-use super::image::{Apex, DepthKind, Fill, Intrinsics, Transfer, is_default, is_white, one, white};
+use super::image::{
+    Apex, DepthKind, Fill, Intrinsics, Orientation, Transfer, is_default, is_white, one, white,
+};
 use serde::{Deserialize, Serialize};
 
 /// An RGBD photograph: the radiance and the shape of one side.
@@ -16,6 +18,9 @@ pub struct Photograph {
     /// Path of the mask; 0 marks invalid pixels. Without a mask, every finite depth above 0 is valid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask: Option<String>,
+    /// Order of the pixels to which `depth`, `mask` and `intrinsics` refer.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub orientation: Orientation,
     /// Transfer function of the colour image.
     #[serde(default)]
     pub transfer: Transfer,

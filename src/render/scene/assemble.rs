@@ -3,6 +3,7 @@
 use super::check_geometry::check_geometry;
 use super::error::AssembleError;
 use super::facts::{SceneFacts, Sides, SidesWith, order_facts};
+use super::far::far_median_m;
 use super::geometry::{BackCamera, film_directions, film_plane, film_reach, slab};
 use super::near::Near;
 use super::place::{Decoded, Placed};
@@ -51,6 +52,10 @@ pub fn assemble(
         filled_share: Sides { front: front.filled_share(), back: back.filled_share() },
         relative_depth: SidesWith { front: front.relative(), back: back.relative() },
         too_near_share,
+        far_median_m: SidesWith {
+            front: far_median_m(&line.front, &front),
+            back: far_median_m(&line.back, &back),
+        },
         max_radiance,
         meshes: SidesWith { front: front.mesh_facts(), back: back.mesh_facts() },
     };

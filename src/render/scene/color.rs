@@ -1,13 +1,15 @@
 //! Decodes colour images to linear Rec.709 radiance, before any interpolation.
 
 use super::{highlights, transfer};
+use crate::formats::PictureSize;
+use crate::formats::color_space::ColorSpace;
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::npy::{Axes, NpyHead, NpyImage};
 use crate::formats::npy_header::Element;
 use crate::formats::raster::{self, Raster, Samples};
 use crate::formats::{exr_raster, pfm};
-use crate::line::{Highlights, Transfer};
+use crate::line::{Highlights, Orientation, Transfer};
 use std::rc::Rc;
 
 pub(super) const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";
@@ -23,11 +25,12 @@ pub(super) struct Color {
 
 /// Decodes a colour image in any of its formats.
 ///
-/// Grey becomes three equal channels; alpha is ignored, not multiplied in. Integers (except in EXR) are divided by the
+/// Applies the EXIF orientation, if `orientation` does not exclude it. Grey becomes three equal channels; alpha is ignored, not multiplied in. Integers (except in EXR) are divided by the
 /// maximum of their type, and floats are read in single precision; `transfer` applies to both. `scale` multiplies red,
 /// green and blue of the result.
 pub(super) fn decode(
     file: &NamedBytes,
+    orientation: Orientation,
     transfer: Transfer,
     scale: [f64; 3],
 ) -> Result<Color, SceneError> {
@@ -37,17 +40,26 @@ pub(super) fn decode(
         FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
     };
+    let unusable = |source| SceneError::Color { path: file.path.clone(), source };
+    let raster = raster.read_as(orientation);
     let Raster { width, height, channels, .. } = raster;
-    let radiance = match &raster.samples {
-        Samples::U8(codes) => {
+    let space = raster.color.map_err(unusable)?;
+    let radiance = match (&raster.samples, &space) {
+        (Samples::U8(codes), Some(space)) => {
+            converted(codes, channels, space, transfer, scale, 255)
+        }
+        (Samples::U16(codes), Some(space)) => {
+            converted(codes, channels, space, transfer, scale, 65535)
+        }
+        (Samples::U8(codes), None) => {
             let tables = each(scale, |factor| transfer::table_8(transfer, factor));
             pixels(codes, channels, |code, c| tables[c][code as usize])
         }
-        Samples::U16(codes) => {
+        (Samples::U16(codes), None) => {
             let tables = each(scale, |factor| transfer::table_16(transfer, factor));
             pixels(codes, channels, |code, c| tables[c][code as usize])
         }
-        Samples::F32(values) => pixels(values, channels, |value, c| {
+        (Samples::F32(values), _) => pixels(values, channels, |value, c| {
             (transfer::to_linear(transfer, value as f64) * scale[c]) as f32
         }),
     };
@@ -58,39 +70,43 @@ pub(super) fn decode(
 /// Decodes like [`decode`], but expands clipped highlights by `curve` before `scale`.
 pub(super) fn decode_expanded(
     file: &NamedBytes,
+    orientation: Orientation,
     transfer: Transfer,
     curve: Option<Highlights>,
     scale: [f64; 3],
 ) -> Result<Color, SceneError> {
     let Some(curve) = curve else {
-        return decode(file, transfer, scale);
+        return decode(file, orientation, transfer, scale);
     };
-    let mut color = decode(file, transfer, [1.0; 3])?;
+    let mut color = decode(file, orientation, transfer, [1.0; 3])?;
     highlights::expand(&mut color.radiance, curve, scale);
     color.max_radiance = max_of_radiance(file, &color.radiance, color.width)?;
     Ok(color)
 }
 
-/// Reads the width and the height from the header of a file of `length` bytes; `file` may hold only the beginning.
-pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
+/// Reads the size from the header of a file of `length` bytes; `file` may hold only the beginning.
+pub(super) fn size(file: &NamedBytes, length: u64) -> Result<PictureSize, SceneError> {
     match file.format(FORMATS)? {
-        FileFormat::Exr => exr_raster::color_size(file),
+        FileFormat::Exr => exr_raster::color_size(file).map(PictureSize::plain),
         FileFormat::Npy => {
             let head = NpyHead::parse(file, length, Axes::Color, NPY)?;
             match head.element() {
                 Element::U8 | Element::U16 | Element::F16 | Element::F32 | Element::F64 => {
-                    Ok([head.width, head.height])
+                    Ok(PictureSize::plain([head.width, head.height]))
                 }
                 other => Err(wrong_element(file, other)),
             }
         }
         FileFormat::Pfm => {
             let head = pfm::head(file, length)?;
-            Ok([head.width, head.height])
+            Ok(PictureSize::plain([head.width, head.height]))
         }
         format => {
             let head = raster::head(file, format)?;
-            Ok([head.width, head.height])
+            let size = head.size();
+            head.color
+                .map(|_| size)
+                .map_err(|source| SceneError::Color { path: file.path.clone(), source })
         }
     }
 }
@@ -109,13 +125,7 @@ fn decode_npy(file: &NamedBytes) -> Result<Raster, SceneError> {
         }
         other => return Err(wrong_element(file, other)),
     };
-    Ok(Raster {
-        width: image.width,
-        height: image.height,
-        channels: image.channels,
-        samples,
-        rescaled: false,
-    })
+    Ok(Raster::plain(image.width, image.height, image.channels, samples))
 }
 
 /// Makes a table for each channel. Channels with the scale of red share its table.
@@ -130,6 +140,34 @@ fn each(scale: [f64; 3], table: impl Fn(f64) -> Vec<f32>) -> [Rc<Vec<f32>>; 3] {
     };
     let (green, blue) = (other(scale[1]), other(scale[2]));
     [red, green, blue]
+}
+
+/// Converts codes of another colour space than sRGB to linear Rec.709, times `scale`. The transfer function `linear`
+/// replaces the curves of the space.
+fn converted<T: Copy + Into<usize>>(
+    codes: &[T],
+    channels: usize,
+    space: &ColorSpace,
+    transfer: Transfer,
+    scale: [f64; 3],
+    max: u16,
+) -> Vec<[f32; 4]> {
+    let tables = match transfer {
+        Transfer::Srgb => space.tables(max),
+        Transfer::Linear => {
+            let line = || (0..=max).map(|code| f64::from(code) / f64::from(max)).collect();
+            [line(), line(), line()]
+        }
+    };
+    let color = |r: T, g: T, b: T| {
+        let [r, g, b] = [r, g, b].map(Into::into);
+        let rgb = space.rec709([tables[0][r], tables[1][g], tables[2][b]]);
+        [rgb[0] * scale[0], rgb[1] * scale[1], rgb[2] * scale[2], 0.0].map(|v| v as f32)
+    };
+    match channels {
+        1 | 2 => codes.chunks_exact(channels).map(|p| color(p[0], p[0], p[0])).collect(),
+        _ => codes.chunks_exact(channels).map(|p| color(p[0], p[1], p[2])).collect(),
+    }
 }
 
 /// Converts samples to pixels with `linear(sample, channel)`.
@@ -183,11 +221,12 @@ mod tests {
     use super::*;
     use crate::formats::npy::tests::npy;
     use crate::formats::raster::tests::{jpeg, png};
+    use crate::line::Orientation::Upright;
     use image::ExtendedColorType as Png;
     use std::path::PathBuf;
 
     fn linear(file: &NamedBytes) -> Vec<[f32; 4]> {
-        decode(file, Transfer::Linear, [1.0; 3]).unwrap().radiance
+        decode(file, Upright, Transfer::Linear, [1.0; 3]).unwrap().radiance
     }
 
     #[test]
@@ -207,13 +246,13 @@ mod tests {
     #[test]
     fn srgb_comes_before_exposure() {
         let file = png(&[188, 188, 255], 1, 1, Png::Rgb8);
-        let color = decode(&file, Transfer::Srgb, [2.0; 3]).unwrap();
+        let color = decode(&file, Upright, Transfer::Srgb, [2.0; 3]).unwrap();
         let [r, g, b, zero] = color.radiance[0];
         assert!((r - 1.005773).abs() < 1e-6 && r == g);
         assert_eq!((b, zero, color.max_radiance), (2.0, 0.0, 2.0));
         // The transfer function also applies to a .npy file of floats.
         let file = npy("<f8", false, "(1, 1)", &(188.0f64 / 255.0).to_le_bytes());
-        let value = decode(&file, Transfer::Srgb, [2.0; 3]).unwrap().radiance[0][0];
+        let value = decode(&file, Upright, Transfer::Srgb, [2.0; 3]).unwrap().radiance[0][0];
         assert!((value - r).abs() < 1e-6);
     }
 
@@ -238,7 +277,7 @@ mod tests {
             [0.5f32, 2.0, 0.0, 9.0].iter().flat_map(|v| v.to_le_bytes()).collect();
         assert_eq!(linear(&npy("<f4", false, "(1, 1, 4)", &floats)), [[0.5, 2.0, 0.0, 0.0]]);
         let refused = npy("<i4", false, "(1, 1)", &[0; 4]);
-        assert!(decode(&refused, Transfer::Linear, [1.0; 3]).is_err());
+        assert!(decode(&refused, Upright, Transfer::Linear, [1.0; 3]).is_err());
     }
 
     #[test]
@@ -246,13 +285,16 @@ mod tests {
         let values = [1.0f32, f32::NAN, 0.0, -1.0, f32::INFINITY, 1.0];
         let data: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         for transfer in [Transfer::Linear, Transfer::Srgb] {
-            match decode(&npy("<f4", false, "(2, 3)", &data), transfer, [1.0; 3]).err().unwrap() {
+            match decode(&npy("<f4", false, "(2, 3)", &data), Upright, transfer, [1.0; 3])
+                .err()
+                .unwrap()
+            {
                 SceneError::Radiance { count, x, y, .. } => assert_eq!((count, x, y), (3, 1, 0)),
                 other => panic!("{other}"),
             }
         }
         let dark = png(&[0, 255], 2, 1, Png::L8);
-        match decode(&dark, Transfer::Linear, [1e39; 3]).err().unwrap() {
+        match decode(&dark, Upright, Transfer::Linear, [1e39; 3]).err().unwrap() {
             SceneError::Radiance { count, x, y, .. } => assert_eq!((count, x, y), (1, 1, 0)),
             other => panic!("{other}"),
         }
@@ -262,19 +304,19 @@ mod tests {
     fn highlights_change_no_bit_if_missing_or_below_their_start() {
         let codes: Vec<u8> = (0..=255).collect();
         let image = png(&codes, 16, 16, Png::L8);
-        let plain = decode(&image, Transfer::Srgb, [0.7; 3]).unwrap();
-        let off = decode_expanded(&image, Transfer::Srgb, None, [0.7; 3]).unwrap();
+        let plain = decode(&image, Upright, Transfer::Srgb, [0.7; 3]).unwrap();
+        let off = decode_expanded(&image, Upright, Transfer::Srgb, None, [0.7; 3]).unwrap();
         let bits = |color: &Color| {
             let values = color.radiance.iter().flatten();
             values.map(|value| value.to_bits()).collect::<Vec<_>>()
         };
         assert_eq!(bits(&off), bits(&plain));
         let curve = Highlights { above: 0.9, to: 8.0 };
-        let on = decode_expanded(&image, Transfer::Srgb, Some(curve), [0.5; 3]).unwrap();
+        let on = decode_expanded(&image, Upright, Transfer::Srgb, Some(curve), [0.5; 3]).unwrap();
         assert_eq!(on.max_radiance, 4.0);
         assert_eq!(on.radiance[255], [4.0, 4.0, 4.0, 0.0]);
         // Code 243 is 0.896, 244 is 0.905.
-        let half = decode(&image, Transfer::Srgb, [0.5; 3]).unwrap();
+        let half = decode(&image, Upright, Transfer::Srgb, [0.5; 3]).unwrap();
         for code in 0..255 {
             let (on, off) = (on.radiance[code][0], half.radiance[code][0]);
             assert!(if code < 244 { on == off } else { on > off }, "{code}");
@@ -288,13 +330,52 @@ mod tests {
         let rgbe = file(
             b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 1\n\x80\x40\x20\x81\x10\x20\x30\x80",
         );
-        let color = decode(&rgbe, Transfer::Linear, [2.0; 3]).unwrap();
+        let color = decode(&rgbe, Upright, Transfer::Linear, [2.0; 3]).unwrap();
         assert_eq!((color.width, color.height), (1, 2));
         assert_eq!(color.radiance, [[2.0, 1.0, 0.5, 0.0], [0.125, 0.25, 0.375, 0.0]]);
         let map =
             file(&[&b"PF\n1 1\n-1\n"[..], bytemuck::cast_slice(&[1.5f32, 0.25, 40.0])].concat());
-        let color = decode(&map, Transfer::Linear, [1.0; 3]).unwrap();
+        let color = decode(&map, Upright, Transfer::Linear, [1.0; 3]).unwrap();
         assert_eq!(color.radiance, [[1.5, 0.25, 40.0, 0.0]]);
         assert_eq!(color.max_radiance, 40.0);
+    }
+
+    /// A picture in another colour space has the radiance of its sRGB twin by LittleCMS, within one 8-bit step. Its
+    /// light multiplies the converted values, and `linear` replaces the curve, but not the primaries.
+    #[test]
+    fn colour_spaces_are_converted_to_rec709() {
+        let folder =
+            std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/formats/icc");
+        let file = |name: &str| NamedBytes {
+            path: name.into(),
+            bytes: std::fs::read(folder.join(name)).unwrap(),
+        };
+        let encoder = crate::color::SrgbEncoder::new();
+        for name in ["p3", "adobe", "grey-table", "chunk-cicp"] {
+            let scale = [0.5, 2.0, 1.0];
+            let (tagged, twin) = (file(&format!("{name}.png")), file(&format!("{name}.srgb.png")));
+            let found = decode(&tagged, Upright, Transfer::Srgb, scale).unwrap();
+            let expected = decode(&twin, Upright, Transfer::Srgb, scale).unwrap();
+            for (a, b) in found.radiance.iter().zip(&expected.radiance) {
+                for c in 0..3 {
+                    let [a, b] = [a[c], b[c]].map(|v| encoder.encode(v / scale[c] as f32));
+                    assert!(a.abs_diff(b) <= 1, "{name} {a} {b}");
+                }
+                assert_eq!(a[3], 0.0);
+            }
+        }
+        // In `linear`, the codes of Display P3 are linear; white stays white.
+        let found = linear(&file("p3.png"));
+        let [r, g, b, _] = found[512 - 8 * 8 + 7];
+        assert!(r == 1.0 && g == 0.0, "{r} {g} {b}");
+        let error = color_error(&file("refused-table.png"));
+        assert!(error.contains("refused-table.png cannot be used: its ICC profile"), "{error}");
+        // The header suffices to refuse it.
+        let refused = file("refused-table.png");
+        assert!(size(&refused, refused.bytes.len() as u64).is_err());
+    }
+
+    fn color_error(file: &NamedBytes) -> String {
+        decode(file, Upright, Transfer::Srgb, [1.0; 3]).err().unwrap().to_string()
     }
 }

@@ -1,12 +1,13 @@
 //! Decodes depth images to metres, and converts distances along rays to distances along the optical axis.
 
+use crate::formats::PictureSize;
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::npy::{Axes, NpyHead, NpyImage};
 use crate::formats::npy_header::Element;
 use crate::formats::raster::{self, Raster, Samples};
 use crate::formats::{exr_raster, pfm};
-use crate::line::{DepthKind, Intrinsics};
+use crate::line::{DepthKind, Intrinsics, Orientation};
 
 const FORMATS: &str = "a .npy, grey PNG, grey PNM, PFM or EXR depth image";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers";
@@ -15,6 +16,8 @@ const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers";
 pub(super) struct Depth {
     pub(super) width: usize,
     pub(super) height: usize,
+    /// Size of the image in its file.
+    pub(super) size: PictureSize,
     /// Depths row by row, in `f64` because the focus is calculated from them.
     pub(super) z_m: Vec<f64>,
 }
@@ -41,44 +44,50 @@ fn check_layout(file: &NamedBytes, channels: usize, rescaled: bool) -> Result<()
     Ok(())
 }
 
-/// Reads the width and the height from the header of a file of `length` bytes; `file` may hold only the beginning.
-pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
-    let (width, height, channels, rescaled) = match format(file)? {
+/// Reads the size from the header of a file of `length` bytes; `file` may hold only the beginning.
+pub(super) fn size(file: &NamedBytes, length: u64) -> Result<PictureSize, SceneError> {
+    let (size, channels, rescaled) = match format(file)? {
         FileFormat::Npy => {
             let head = NpyHead::parse(file, length, Axes::Single, NPY)?;
             check_element(file, head.element())?;
-            return Ok([head.width, head.height]);
+            return Ok(PictureSize::plain([head.width, head.height]));
         }
-        FileFormat::Exr => return exr_raster::depth_size(file),
+        FileFormat::Exr => return exr_raster::depth_size(file).map(PictureSize::plain),
         FileFormat::Pfm => {
             let head = pfm::head(file, length)?;
-            (head.width, head.height, head.channels, false)
+            (PictureSize::plain([head.width, head.height]), head.channels, false)
         }
         format => {
             let head = raster::head(file, format)?;
-            (head.width, head.height, head.channels, head.rescaled)
+            (head.size(), head.channels, head.rescaled)
         }
     };
     check_layout(file, channels, rescaled)?;
-    Ok([width, height])
+    Ok(size)
 }
 
 /// Decodes a depth image with values in units of `unit_m` metres.
-pub(super) fn decode(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
+pub(super) fn decode(
+    file: &NamedBytes,
+    orientation: Orientation,
+    unit_m: f64,
+) -> Result<Depth, SceneError> {
     let raster = match format(file)? {
         FileFormat::Npy => return decode_npy(file, unit_m),
         FileFormat::Exr => exr_raster::decode_depth(file)?,
         FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
     };
-    let Raster { width, height, .. } = raster;
     check_layout(file, raster.channels, raster.rescaled)?;
+    let size = raster.size();
+    let raster = raster.read_as(orientation);
+    let Raster { width, height, .. } = raster;
     let z_m = match raster.samples {
         Samples::U8(codes) => codes.iter().map(|&code| code as f64 * unit_m).collect(),
         Samples::U16(codes) => codes.iter().map(|&code| code as f64 * unit_m).collect(),
         Samples::F32(values) => values.iter().map(|&value| value as f64 * unit_m).collect(),
     };
-    Ok(Depth { width, height, z_m })
+    Ok(Depth { width, height, size, z_m })
 }
 
 fn check_element(file: &NamedBytes, element: Element) -> Result<(), SceneError> {
@@ -94,6 +103,7 @@ fn decode_npy(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
     Ok(Depth {
         width: image.width,
         height: image.height,
+        size: PictureSize::plain([image.width, image.height]),
         z_m: image.values(|value| value * unit_m),
     })
 }
@@ -121,6 +131,10 @@ mod tests {
     use crate::formats::npy::tests::npy;
     use crate::formats::raster::tests::{jpeg, png};
     use image::ExtendedColorType as Png;
+
+    fn decode(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
+        super::decode(file, Orientation::Upright, unit_m)
+    }
 
     #[test]
     fn png_values_are_only_multiplied_by_the_unit() {

@@ -1,5 +1,6 @@
 //! Facts about a scene that the program determines while it loads the scene.
 
+use super::far::far_text;
 use super::place::MeshFacts;
 use super::relative::RelativeEnds;
 use crate::trace::{BLOCK, Order, OrderPlan};
@@ -22,11 +23,23 @@ pub struct SceneFacts {
     pub relative_depth: SidesWith<RelativeEnds>,
     /// Share of valid depth pixels, or of a mesh's vertices in view, nearer than the pane. The tracer still uses them.
     pub too_near_share: Sides,
+    /// Median of the valid depths, m, of photographs where it is above [`super::FAR_MEDIAN_M`]: the unit is probably wrong.
+    #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
+    pub far_median_m: SidesWith<f64>,
     /// Largest linear radiance.
     pub max_radiance: Sides,
     /// Facts about the sides that are meshes.
     #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
     pub meshes: SidesWith<MeshFacts>,
+}
+
+impl SceneFacts {
+    /// Returns remarks on the scene's files.
+    pub fn notes(&self) -> Vec<String> {
+        let SidesWith { front, back } = self.far_median_m;
+        let sides = [("front photograph", front), ("back photograph", back)];
+        sides.into_iter().filter_map(|(side, far_m)| Some(far_text(side, far_m?))).collect()
+    }
 }
 
 /// One value for each side.

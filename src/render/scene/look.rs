@@ -4,10 +4,11 @@
 //! does not check the pixels (NaN, no valid depth).
 
 use super::{color, depth, mask, panorama};
+use crate::formats::PictureSize;
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
-use crate::formats::{ply, raster};
-use crate::line::Transfer;
+use crate::formats::{jpeg, ply, raster};
+use crate::line::{Orientation, Transfer};
 
 /// Number of bytes at a file's start that contain the header of most files; a JPEG may have a preview before its size.
 pub const START_BYTES: usize = 1 << 14;
@@ -40,8 +41,8 @@ pub struct FileEnds {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// No error. Holds width and height in pixels; `None` for a mesh.
-    Sound(Option<[usize; 2]>),
+    /// No error. Holds the size; `None` for a mesh.
+    Sound(Option<PictureSize>),
     /// The parts are not conclusive, so the whole file must be read.
     Unsure,
 }
@@ -60,24 +61,26 @@ pub fn look(role: FileRole, ends: &FileEnds) -> Result<Look, SceneError> {
 }
 
 /// Checks a whole file after [`Look::Unsure`].
-pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<[usize; 2]>, SceneError> {
+pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<PictureSize>, SceneError> {
     let size = size(role, file, file.bytes.len() as u64)?;
     let is_jpeg = file.bytes.starts_with(&[0xff, 0xd8, 0xff]);
-    // A JPEG with an end marker is complete, so decoding it would only cost time.
-    if !(is_jpeg && raster::jpeg_is_whole(&file.bytes)) {
+    // The check of a JPEG reads all of its data, so decoding would only cost time.
+    if !(is_jpeg && jpeg::check(&file.bytes).is_ok()) {
         match role {
             FileRole::Color | FileRole::Panorama => {
-                drop(color::decode(file, Transfer::Linear, [1.0; 3])?);
+                drop(color::decode(file, Orientation::Stored, Transfer::Linear, [1.0; 3])?);
             }
-            FileRole::Depth | FileRole::PanoramaDepth => drop(depth::decode(file, 1.0)?),
-            FileRole::Mask => drop(mask::decode(file)?),
+            FileRole::Depth | FileRole::PanoramaDepth => {
+                drop(depth::decode(file, Orientation::Stored, 1.0)?);
+            }
+            FileRole::Mask => drop(mask::decode(file, Orientation::Stored)?),
             FileRole::Mesh => drop(ply::decode(file)?),
         }
     }
     Ok(size)
 }
 
-fn size(role: FileRole, file: &NamedBytes, length: u64) -> Result<Option<[usize; 2]>, SceneError> {
+fn size(role: FileRole, file: &NamedBytes, length: u64) -> Result<Option<PictureSize>, SceneError> {
     Ok(match role {
         FileRole::Color => Some(color::size(file, length)?),
         FileRole::Depth => Some(depth::size(file, length)?),
@@ -91,12 +94,13 @@ fn size(role: FileRole, file: &NamedBytes, length: u64) -> Result<Option<[usize;
     })
 }
 
-fn whole_sphere(file: &NamedBytes, [width, height]: [usize; 2]) -> Result<[usize; 2], SceneError> {
+fn whole_sphere(file: &NamedBytes, size: PictureSize) -> Result<PictureSize, SceneError> {
+    let [width, height] = size.upright_px();
     panorama::check_aspect(file, width, height)?;
-    Ok([width, height])
+    Ok(size)
 }
 
-/// True if a PNG or JPEG ends with its end marker, or if a PNM is long enough. Also true for other formats, and if the
+/// True if a PNG or JPEG ends with its end marker (and the data of a whole JPEG are sound), or if a PNM is long enough. Also true for other formats, and if the
 /// end was not read.
 fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
     let end = match &ends.end {
@@ -106,7 +110,9 @@ fn ends_well(ends: &FileEnds, is_whole: bool) -> bool {
     };
     match ends.start.format("") {
         Ok(FileFormat::Png) => end.ends_with(b"IEND\xae\x42\x60\x82"),
-        Ok(FileFormat::Jpeg) => end.ends_with(&[0xff, 0xd9]),
+        Ok(FileFormat::Jpeg) => {
+            end.ends_with(&[0xff, 0xd9]) && !(is_whole && jpeg::check(&ends.start.bytes).is_err())
+        }
         Ok(FileFormat::Pnm) => raster::head(&ends.start, FileFormat::Pnm)
             .is_ok_and(|head| ends.length >= head.pnm_bytes(&ends.start.bytes)),
         _ => true,
@@ -137,9 +143,13 @@ mod tests {
 
     fn sound(role: FileRole, file: &NamedBytes, start: usize) -> Option<[usize; 2]> {
         match look(role, &ends(file, start)) {
-            Ok(Look::Sound(size)) => size,
+            Ok(Look::Sound(size)) => size.map(PictureSize::upright_px),
             other => panic!("{other:?}"),
         }
+    }
+
+    fn whole(role: FileRole, file: &NamedBytes) -> Option<[usize; 2]> {
+        look_at_whole(role, file).unwrap().map(PictureSize::upright_px)
     }
 
     fn noise(count: usize) -> Vec<u8> {
@@ -166,7 +176,7 @@ mod tests {
         let depth = NamedBytes { path: "d.pfm".into(), bytes: header };
         assert_eq!(sound(FileRole::Depth, &depth, 100), size);
         let grey = NamedBytes { path: "m.pgm".into(), bytes: b"P5 2 1 255 ab".to_vec() };
-        assert_eq!(look_at_whole(FileRole::Mask, &grey).unwrap(), Some([2, 1]));
+        assert_eq!(whole(FileRole::Mask, &grey), Some([2, 1]));
     }
 
     #[test]
@@ -205,7 +215,7 @@ mod tests {
         let sound =
             [png(&noise(64 * 48 * 3), 64, 48, Png::Rgb8), jpeg(&noise(64 * 48 * 3), 64, 48)];
         for mut file in sound {
-            assert_eq!(look_at_whole(FileRole::Color, &file).unwrap(), Some([64, 48]));
+            assert_eq!(whole(FileRole::Color, &file), Some([64, 48]));
             file.bytes.truncate(file.bytes.len() * 3 / 4);
             for start in [1000, usize::MAX] {
                 assert_eq!(look(FileRole::Color, &ends(&file, start)).unwrap(), Look::Unsure);
@@ -236,21 +246,20 @@ mod tests {
         note.resize(2 + 60_000, 0);
         file.bytes.splice(2..2, note);
         assert_eq!(look(FileRole::Color, &ends(&file, START_BYTES)).unwrap(), Look::Unsure);
-        assert_eq!(look_at_whole(FileRole::Color, &file).unwrap(), Some([8, 8]));
+        assert_eq!(whole(FileRole::Color, &file), Some([8, 8]));
     }
 
     /// True if the whole file can be decoded, as for a scene.
     fn is_decoded(role: FileRole, file: &NamedBytes) -> bool {
         let is_sphere = |w, h| panorama::check_aspect(file, w, h).is_ok();
-        let color = || color::decode(file, Transfer::Linear, [1.0; 3]);
+        let color = || color::decode(file, Orientation::Upright, Transfer::Linear, [1.0; 3]);
+        let depth = || depth::decode(file, Orientation::Upright, 1.0);
         match role {
             FileRole::Color => color().is_ok(),
-            FileRole::Depth => depth::decode(file, 1.0).is_ok(),
-            FileRole::Mask => mask::decode(file).is_ok(),
+            FileRole::Depth => depth().is_ok(),
+            FileRole::Mask => mask::decode(file, Orientation::Upright).is_ok(),
             FileRole::Panorama => color().is_ok_and(|c| is_sphere(c.width, c.height)),
-            FileRole::PanoramaDepth => {
-                depth::decode(file, 1.0).is_ok_and(|d| is_sphere(d.width, d.height))
-            }
+            FileRole::PanoramaDepth => depth().is_ok_and(|d| is_sphere(d.width, d.height)),
             FileRole::Mesh => ply::decode(file).is_ok(),
         }
     }

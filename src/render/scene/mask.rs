@@ -1,9 +1,11 @@
 //! Decodes masks, which mark the measured pixels of depth images.
 
+use crate::formats::PictureSize;
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::npy::{Axes, NpyHead, NpyImage};
 use crate::formats::raster::{self, Samples};
+use crate::line::Orientation;
 
 const FORMATS: &str = "a .npy, PNG or PNM mask";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers or booleans";
@@ -13,6 +15,8 @@ const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers or booleans";
 pub(super) struct Mask {
     pub(super) width: usize,
     pub(super) height: usize,
+    /// Size of the image in its file.
+    pub(super) size: PictureSize,
     /// True for valid pixels, row by row.
     pub(super) valid: Vec<bool>,
 }
@@ -27,27 +31,30 @@ fn format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
     }
 }
 
-/// Reads the width and the height from the header of a file of `length` bytes; `file` may hold only the beginning.
-pub(super) fn size(file: &NamedBytes, length: u64) -> Result<[usize; 2], SceneError> {
+/// Reads the size from the header of a file of `length` bytes; `file` may hold only the beginning.
+pub(super) fn size(file: &NamedBytes, length: u64) -> Result<PictureSize, SceneError> {
     let format = format(file)?;
     if format == FileFormat::Npy {
         let head = NpyHead::parse(file, length, Axes::Single, NPY)?;
-        return Ok([head.width, head.height]);
+        return Ok(PictureSize::plain([head.width, head.height]));
     }
-    let head = raster::head(file, format)?;
-    Ok([head.width, head.height])
+    Ok(raster::head(file, format)?.size())
 }
 
 /// Decodes a mask. Valid pixels have a value other than 0 and NaN (`.npy`), or a colour channel above 0 (PNG, PNM).
 /// Ignores alpha.
-pub(super) fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
+pub(super) fn decode(file: &NamedBytes, orientation: Orientation) -> Result<Mask, SceneError> {
     let raster = match format(file)? {
         FileFormat::Npy => {
             let image = NpyImage::parse(file, Axes::Single, NPY)?;
-            return Ok(Mask { width: image.width, height: image.height, valid: image.nonzero() });
+            let (width, height) = (image.width, image.height);
+            let size = PictureSize::plain([width, height]);
+            return Ok(Mask { width, height, size, valid: image.nonzero() });
         }
         format => raster::decode(file, format)?,
     };
+    let size = raster.size();
+    let raster = raster.read_as(orientation);
     // 1 and 2 channels are grey, 3 and 4 are RGB.
     let color_channels = if raster.channels < 3 { 1 } else { 3 };
     let valid = match &raster.samples {
@@ -55,7 +62,7 @@ pub(super) fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
         Samples::U16(codes) => any_above_0(codes, raster.channels, color_channels),
         Samples::F32(_) => unreachable!("PNG and PNM hold integers"),
     };
-    Ok(Mask { width: raster.width, height: raster.height, valid })
+    Ok(Mask { width: raster.width, height: raster.height, size, valid })
 }
 
 fn any_above_0<T: Copy + Default + PartialEq>(
@@ -75,6 +82,10 @@ mod tests {
     use crate::formats::npy::tests::npy;
     use crate::formats::raster::tests::{jpeg, png};
     use image::ExtendedColorType as Png;
+
+    fn decode(file: &NamedBytes) -> Result<Mask, SceneError> {
+        super::decode(file, Orientation::Upright)
+    }
 
     fn valid(file: &NamedBytes) -> Vec<bool> {
         decode(file).unwrap().valid

@@ -24,6 +24,7 @@ mod depth;
 mod equirect;
 mod error;
 mod facts;
+mod far;
 mod fill;
 mod geometry;
 mod highlights;
@@ -38,12 +39,14 @@ mod place;
 mod relative;
 mod surface;
 mod transfer;
+mod turned;
 mod window;
 
 pub use assemble::assemble;
 pub use check_geometry::{GeometryError, MAX_INCIDENCE_DEG, check_geometry};
 pub use error::{AssembleError, MAX_TOO_NEAR_SHARE};
 pub use facts::{OrderFact, SceneFacts, Sides, SidesWith};
+pub use far::{FAR_MEDIAN_M, far_depth_m, far_text};
 pub(crate) use geometry::BackCamera;
 pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
@@ -51,6 +54,8 @@ pub use load::{
 };
 pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 pub use mesh::{Polygons, decode_mesh};
+pub(crate) use photograph::decode_srgb_image;
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
 pub use place::{Decoded, MeshFacts};
 pub use relative::RelativeEnds;
+pub use turned::{PhotographSizes, check_turned};

@@ -10,7 +10,7 @@ use super::window::{Sight, Window};
 use super::{center, color, depth, fill, relative};
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes, PanoramaFiles};
-use crate::line::{DepthMap, Fill, Intrinsics, PanoramaDepth, PanoramaFile, Transfer};
+use crate::line::{DepthMap, Fill, Intrinsics, Orientation, PanoramaDepth, PanoramaFile, Transfer};
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
 
@@ -60,6 +60,7 @@ pub(super) fn decode_panorama(
     }
     let image = color::decode_expanded(
         file,
+        Orientation::Upright,
         line.transfer,
         line.highlights,
         line.illuminant.map(|c| line.exposure * c),
@@ -149,7 +150,7 @@ fn decode_map(
     line: &DepthMap,
     file: &NamedBytes,
 ) -> Result<(Distances, Option<relative::RelativeEnds>), SceneError> {
-    let mut map = depth::decode(file, line.depth_unit_m)?;
+    let mut map = depth::decode(file, Orientation::Upright, line.depth_unit_m)?;
     check_aspect(file, map.width, map.height)?;
     let mut valid = vec![true; map.z_m.len()];
     let ends = line

@@ -1,10 +1,11 @@
 //! Decodes the files of a photograph to a sheet.
 
 use super::relative::{self, RelativeEnds};
+use super::turned::{PhotographSizes, check_turned};
 use super::{center, color, depth, fill, mask};
 use crate::formats::error::SceneError;
 use crate::formats::files::{NamedBytes, PhotographFiles};
-use crate::line::{Fill, Intrinsics, Photograph, Transfer, validate_side};
+use crate::line::{Fill, Intrinsics, Orientation, Photograph, Transfer, validate_side};
 use std::path::Path;
 
 /// A continuous surface with radiance: one vertex at each pixel centre of the depth image.
@@ -44,12 +45,24 @@ pub struct Sheet {
 pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<Sheet, SceneError> {
     validate_side("photograph", &line.clone().into())
         .map_err(|source| SceneError::Parameter { path: files.color.path.clone(), source })?;
-    let mut depth = depth::decode(&files.depth, line.depth_unit_m)?;
+    let mut depth = depth::decode(&files.depth, line.orientation, line.depth_unit_m)?;
+    let depth_size = depth.size;
     let (width, height) = (depth.width, depth.height);
     let intrinsics = scale_intrinsics(&line.intrinsics, width, height);
     depth.project(line.depth_kind, &intrinsics);
 
-    let mut valid = read_mask(files, width, height)?;
+    let mask = files.mask.as_ref().map(|file| mask::decode(file, line.orientation)).transpose()?;
+    let mask_size = mask.as_ref().map(|mask| mask.size);
+    let color_size = color::size(&files.color, files.color.bytes.len() as u64)?;
+    check_turned(
+        line,
+        &PhotographSizes {
+            color: (&files.color.path, color_size),
+            depth: (&files.depth.path, depth_size),
+            mask: files.mask.as_ref().map(|file| file.path.as_path()).zip(mask_size),
+        },
+    )?;
+    let mut valid = check_mask(files, mask, width, height)?;
     let relative = match &line.depth_range {
         Some(range) => Some(relative::scale(
             &mut depth,
@@ -72,6 +85,7 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
 
     let color = color::decode_expanded(
         &files.color,
+        line.orientation,
         line.transfer,
         line.highlights,
         line.illuminant.map(|c| line.exposure * c),
@@ -95,9 +109,17 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
 /// Decodes width, height and pixels of a colour image in any format, with codes taken as linear. Values must be finite
 /// and not negative.
 pub fn decode_linear_image(file: &NamedBytes) -> Result<(usize, usize, Vec<[f32; 3]>), SceneError> {
-    let color = color::decode(file, Transfer::Linear, [1.0; 3])?;
+    let color = color::decode(file, Orientation::Upright, Transfer::Linear, [1.0; 3])?;
     let pixels = color.radiance.iter().map(|&[r, g, b, _]| [r, g, b]);
     Ok((color.width, color.height, pixels.collect()))
+}
+
+/// Decodes width, height and linear radiance of an upright sRGB colour image.
+pub(crate) fn decode_srgb_image(
+    file: &NamedBytes,
+) -> Result<(usize, usize, Vec<[f32; 4]>), SceneError> {
+    let color = color::decode(file, Orientation::Upright, Transfer::Srgb, [1.0; 3])?;
+    Ok((color.width, color.height, color.radiance))
 }
 
 /// Scales intrinsics to an image of `width` x `height` pixels with the same field of view.
@@ -117,16 +139,16 @@ fn scale_intrinsics(given: &Intrinsics, width: usize, height: usize) -> Intrinsi
     }
 }
 
-/// Decodes the mask and checks its size. Without a mask, all pixels are valid.
-fn read_mask(
+/// Checks the size of the mask and returns its pixels. Without a mask, all pixels are valid.
+fn check_mask(
     files: &PhotographFiles,
+    mask: Option<mask::Mask>,
     width: usize,
     height: usize,
 ) -> Result<Vec<bool>, SceneError> {
-    let Some(file) = &files.mask else {
+    let (Some(mask), Some(file)) = (mask, &files.mask) else {
         return Ok(vec![true; width * height]);
     };
-    let mask = mask::decode(file)?;
     if (mask.width, mask.height) == (width, height) {
         return Ok(mask.valid);
     }

@@ -79,10 +79,13 @@ fn percentile(values: &mut [f64], percent: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::formats::PictureSize;
     use proptest::prelude::*;
 
     fn image(values: &[f64]) -> (Depth, Vec<bool>) {
-        let depth = Depth { width: values.len(), height: 1, z_m: values.to_vec() };
+        let (width, height) = (values.len(), 1);
+        let size = PictureSize::plain([width, height]);
+        let depth = Depth { width, height, size, z_m: values.to_vec() };
         (depth, vec![true; values.len()])
     }
 

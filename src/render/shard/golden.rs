@@ -10,11 +10,11 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Name of the set of scenes. Every change of the set needs a new name.
-pub(super) const SET: &str = "builtin/3";
+pub(super) const SET: &str = "builtin/4";
 
 /// Tracer version of the digests below.
 #[cfg(test)]
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// Names and digests of the scenes of [`golden_scenes`].
 #[rustfmt::skip]
 const DIGESTS: &[(&str, &str)] = &[
@@ -32,6 +32,9 @@ const DIGESTS: &[(&str, &str)] = &[
     ("one-column", "e9b2172f15d859e44642e8c19509f1dedfb55d517a4baa48842a3372ea567a97"),
     ("adaptive", "85b41402308c1b72155a33c29047e2a884ef8b05a31e8fbd86743b9cdcfbab87"),
     ("two-layers", "2262b0706e64c6f390184e9d163b0a53e1d0baae1299b446cd39273dd32e732b"),
+    ("jpeg", "cb3b5f587aff2f9ed5618ab759902a4ce6c187f91f1fe1088507b70142daacde"),
+    ("turned", "37417b93244307a4f947a4b19e67a73ea817f8b2019792d474ce3df63a87230c"),
+    ("display-p3", "046e95689ac307da15afa091192893f5cf4f57857a11b66a794a2a192a2226ab"),
 ];
 
 /// Traces the golden scenes on this machine, which takes one thread tens of milliseconds. Returns one joint digest.

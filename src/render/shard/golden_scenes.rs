@@ -1,11 +1,13 @@
-//! Defines the golden scenes: small scenes of photographs that together cover most branches of the tracer.
+//! Defines the golden scenes: small scenes of photographs that together cover most branches of the tracer and of the
+//! readers of pictures.
 //!
 //! A new scene needs a row in [`SCENES`], its digest in the table of `golden.rs` (the test prints it), a reference
 //! image (see `tests/physics/golden.rs`) and a new name of the set, [`super::golden::SET`].
 
+use crate::formats::NamedBytes;
 use crate::layer::PerLayer;
 use crate::line::Apex;
-use crate::scene::BackCamera;
+use crate::scene::{BackCamera, decode_srgb_image};
 use crate::trace::{
     FilmPlane, FilterTable, Grid, Lens, OrderPlan, Pose, Sampling, Scene, Slab, Texture, View,
 };
@@ -37,7 +39,17 @@ struct Parameters {
     order_tolerance: f64,
     target_error: Option<f64>,
     layers: [bool; 4],
+    /// File of the front's colour image; none for a texture of hashes.
+    photograph: Option<Photograph>,
 }
+
+/// The name and the bytes of a picture that `tests/physics/golden/pictures.py` has made.
+type Photograph = (&'static str, &'static [u8]);
+
+const PROGRESSIVE: Photograph =
+    ("progressive.jpg", include_bytes!("golden_pictures/progressive.jpg"));
+const TURNED: Photograph = ("turned.jpg", include_bytes!("golden_pictures/turned.jpg"));
+const DISPLAY_P3: Photograph = ("p3.png", include_bytes!("golden_pictures/p3.png"));
 
 impl Parameters {
     /// Returns the defaults, such as a wide lens, an untilted pane and apex `mirror`.
@@ -57,6 +69,7 @@ impl Parameters {
             order_tolerance: 7.6e-5,
             target_error: None,
             layers: [true; 4],
+            photograph: None,
         }
     }
 
@@ -90,7 +103,10 @@ impl Parameters {
             film.tan_half_fov.map(|t| t + self.aperture_radius_m * self.inverse_focus_per_m);
         let corners = [(0.0, 0.0), (-tx, -ty), (-tx, ty), (tx, -ty), (tx, ty)];
         let cosines = corners.map(|(x, y)| DVec3::new(x, y, 1.0).normalize().dot(normal));
-        let front = self.view(1, Pose::Aligned { extra_m: 0.0 }, 1.0);
+        let mut front = self.view(1, Pose::Aligned { extra_m: 0.0 }, 1.0);
+        if let Some((name, bytes)) = self.photograph {
+            front.texture = texture(name, bytes);
+        }
         let back = self.view(100, pose, sign);
         let radiance = [&front, &back].map(|view| f64::from(view.texture.max_radiance()));
         Scene {
@@ -134,6 +150,14 @@ impl Parameters {
     }
 }
 
+/// Decodes a picture like the colour image of a scene.
+fn texture(name: &str, bytes: &[u8]) -> Texture {
+    let file = NamedBytes { path: name.into(), bytes: bytes.to_vec() };
+    let color = decode_srgb_image(&file).expect("the program holds whole pictures");
+    let (width, height, radiance) = color;
+    Texture::new(width, height, &radiance)
+}
+
 fn hash(q: usize, salt: u32) -> u32 {
     let mut x = (q as u32).wrapping_mul(0x9e37_79b9) ^ salt;
     x ^= x >> 16;
@@ -144,7 +168,7 @@ fn hash(q: usize, salt: u32) -> u32 {
 type Change = fn(&mut Parameters);
 
 /// Names of the scenes and their changes to [`Parameters::new`], in a fixed order.
-const SCENES: [(&str, Change); 14] = [
+const SCENES: [(&str, Change); 17] = [
     ("mirror", |_| {}),
     ("camera", |w| w.from_camera = true),
     ("tilted-absorbing", |w| {
@@ -186,6 +210,10 @@ const SCENES: [(&str, Change); 14] = [
         w.target_error = Some(0.02);
     }),
     ("two-layers", |w| w.layers = [false, true, false, true]),
+    // Decoders that select instructions, and everything that a file can say about its pixels.
+    ("jpeg", |w| w.photograph = Some(PROGRESSIVE)),
+    ("turned", |w| w.photograph = Some(TURNED)),
+    ("display-p3", |w| w.photograph = Some(DISPLAY_P3)),
 ];
 
 /// Makes all golden scenes, in a fixed order.
@@ -240,6 +268,11 @@ mod tests {
         any("omitted layers", &|s| s.layers.0 != [true; 4]);
         any("several blocks", &|s| s.spp > 256);
         any("one sample", &|s| s.spp == 1);
+        let size = |(name, bytes): Photograph| {
+            let texture = texture(name, bytes);
+            (texture.width(), texture.height())
+        };
+        assert_eq!([PROGRESSIVE, TURNED, DISPLAY_P3].map(size), [(47, 39), (47, 39), (32, 24)]);
         any("a depth image of one row", &|s| sheet(&s.front).1.1 == 1);
         any("a depth image of one column", &|s| sheet(&s.front).1.0 == 1);
         let mut names: Vec<&str> = scenes.iter().map(|g| g.name).collect();

@@ -115,9 +115,12 @@ fn the_seeds_are_valid_files() {
     for (index, seed) in seeds().into_iter().enumerate() {
         let file = NamedBytes { path: format!("seed {index}").into(), bytes: seed };
         let line = crate::line::Transfer::Srgb;
-        let as_color = super::color::decode(&file, line, [1.0; 3]).is_ok();
-        let as_depth = super::depth::decode(&file, 1.0).is_ok();
-        assert!(as_color || as_depth || super::mask::decode(&file).is_ok(), "seed {index}");
+        let as_color = super::color::decode(&file, Orientation::Upright, line, [1.0; 3]).is_ok();
+        let as_depth = super::depth::decode(&file, Orientation::Upright, 1.0).is_ok();
+        assert!(
+            as_color || as_depth || super::mask::decode(&file, Orientation::Upright).is_ok(),
+            "seed {index}"
+        );
     }
 }
 

@@ -2,9 +2,12 @@
 
 use super::*;
 use crate::formats::npy::tests::npy;
-use crate::formats::raster::tests::png;
+use crate::formats::png_chunks::tests::with_chunk;
+use crate::formats::raster::tests::{jpeg, png};
+use crate::formats::upright::tests::{exif, turned_jpeg};
 use crate::line::Fill;
-use image::ExtendedColorType as Png;
+use image::metadata::Orientation as Turn;
+use image::{DynamicImage, ExtendedColorType as Png};
 
 /// Returns a photograph with focal length 10 px, centre (2, 1), no mask and linear colour.
 fn line() -> Photograph {
@@ -112,4 +115,70 @@ fn images_of_one_row_or_column_are_decoded() {
         assert!(sheet.inverse_depth_per_m.iter().all(|&w| w == 0.5), "{shape}");
         assert_eq!(sheet.front_center_z_m, 2.0);
     }
+}
+
+/// A JPEG and a PNG with each orientation yield the sheet of an upright PNG, bit by bit, with depth, mask and intrinsics
+/// of the upright image.
+#[test]
+fn all_orientations_equal_their_upright_twins() {
+    let (width, height) = (16, 8);
+    let codes: Vec<u8> = (0..width * height * 3).map(|k| (k * k * 7 + k * 13) as u8).collect();
+    let files_of = |color: NamedBytes, [width, height]: [usize; 2]| {
+        let depths: Vec<f32> = (0..width * height).map(|k| 1.0 + k as f32 / 7.0).collect();
+        let mask: Vec<u8> = (0..width * height).map(|k| u8::from(k % 5 != 0)).collect();
+        let shape = format!("({height}, {width})");
+        PhotographFiles {
+            color,
+            depth: npy("<f4", false, &shape, bytemuck::cast_slice(&depths)),
+            mask: Some(npy("|u1", false, &shape, &mask)),
+        }
+    };
+    let as_jpeg = jpeg(&codes, width, height);
+    let as_png = png(&codes, width, height, Png::Rgb8);
+    for tag in 1..=8 {
+        for stored in [&as_jpeg, &as_png] {
+            let mut twin = image::load_from_memory(&stored.bytes).unwrap();
+            twin.apply_orientation(Turn::from_exif(tag).unwrap());
+            let size = [twin.width() as usize, twin.height() as usize];
+            let DynamicImage::ImageRgb8(pixels) = &twin else { panic!() };
+            let upright = png(pixels.as_raw(), twin.width(), twin.height(), Png::Rgb8);
+            let bytes = match stored.bytes[0] {
+                0xff => turned_jpeg(&stored.bytes, tag),
+                _ => with_chunk(&stored.bytes, *b"eXIf", &exif(tag)),
+            };
+            let turned = NamedBytes { path: stored.path.clone(), bytes };
+            let expected = decode_photograph(&line(), &files_of(upright, size)).unwrap();
+            let found = decode_photograph(&line(), &files_of(turned.clone(), size)).unwrap();
+            assert_eq!(found, expected, "{tag}");
+            // With `stored`, the tag changes nothing.
+            let mut line = line();
+            line.orientation = Orientation::Stored;
+            let plain = files_of(stored.clone(), [16, 8]);
+            let found = decode_photograph(&line, &files_of(turned.clone(), [16, 8])).unwrap();
+            assert_eq!(found, decode_photograph(&line, &plain).unwrap(), "{tag}");
+            // Depth of the stored rows is refused, where its size tells.
+            let wrong = decode_photograph(&self::line(), &files_of(turned, [16, 8]));
+            assert_eq!(wrong.is_err(), tag > 4, "{tag}");
+        }
+    }
+}
+
+/// The orientation of a depth image and of a mask counts, too.
+#[test]
+fn turned_depth_and_mask_become_upright() {
+    let depths: Vec<u16> = (0..8).map(|k| 1000 + 10 * k).collect();
+    let depth = png(bytemuck::cast_slice(&depths), 4, 2, Png::L16);
+    let mask = png(&[255, 0, 255, 255, 255, 255, 255, 255], 4, 2, Png::L8);
+    let turn = |file: &NamedBytes, tag| NamedBytes {
+        path: file.path.clone(),
+        bytes: with_chunk(&file.bytes, *b"eXIf", &exif(tag)),
+    };
+    let color = png(&[9; 8], 2, 4, Png::L8);
+    // 8 is a quarter turn counterclockwise: the right column becomes the first row.
+    let files = PhotographFiles { color, depth: turn(&depth, 8), mask: Some(turn(&mask, 8)) };
+    let sheet = decode_photograph(&line(), &files).unwrap();
+    assert_eq!((sheet.width, sheet.height), (2, 4));
+    let first_rows = [1030.0f32, 1070.0, 1020.0, 1060.0].map(|z| 1.0 / z);
+    assert_eq!(sheet.inverse_depth_per_m[..4], first_rows);
+    assert_eq!(sheet.valid, [true, true, true, true, false, true, true, true]);
 }

@@ -36,6 +36,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         color: "edges.png".to_owned(),
         depth: "edges.npy".to_owned(),
         mask: None,
+        orientation: crate::line::Orientation::Upright,
         transfer: Transfer::Linear,
         depth_unit_m: unit_m,
         depth_kind: crate::line::DepthKind::Z,
