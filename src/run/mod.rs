@@ -49,7 +49,7 @@ pub use open::Run;
 pub use planning::PlanError;
 pub(crate) use planning::{PlanOptions, Planned, plan_run};
 pub use provenance::Provenance;
-pub(crate) use provenance::{PartialsProvenance, other_workers};
+pub(crate) use provenance::{Makers, PartialsProvenance, other_workers};
 pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
 pub use retry::{Retried, RetryError, RetryScenes, retry};
 pub use snapshot::{

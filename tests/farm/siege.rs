@@ -259,7 +259,7 @@ impl Siege {
     /// Returns the number of shards with a result in the store.
     fn done(&self) -> usize {
         let count = |folder: &str| self.store.list(folder).unwrap();
-        let tuples = count("receipts").len();
+        let tuples = count("tuples").iter().filter(|key| key.ends_with("/tuple.json")).count();
         let partials = count("partials");
         let partials = partials.iter().filter(|key| shard_of(key).is_some());
         tuples * self.size.shards() + partials.count()

@@ -112,8 +112,7 @@ fn interleavings_reach_every_action() {
         farm.finish_fairly().unwrap();
         logs.push_str(&farm.log());
     }
-    let actions =
-        ["Store {", "Merge {", "CheckScene {", "Gather {", "LeaveNote {", "RemovePartials {"];
+    let actions = ["Store {", "Merge {", "CheckScene {", "Gather {", "RemovePartials {"];
     let more = ["ForgetAttempt {", "Replace {", "Finish {", "offers", "Sandbox", "gone: ["];
     for text in actions.into_iter().chain(more) {
         assert!(logs.contains(text), "{text}");

@@ -280,7 +280,7 @@ impl Farm {
             }
             Action::CheckScene { task } => then(task, Step::CheckScene),
             Action::Gather { task } => then(task, Step::Gather),
-            Action::LeaveNote { .. } | Action::Quarantine { .. } => {}
+            Action::Quarantine { .. } => {}
             Action::RemovePartials { scene } => self.store.remove_partials(scene),
             Action::ForgetAttempt { task, n } => {
                 if self.mistake != Some(Mistake::KeepsRecords) {

@@ -55,7 +55,8 @@ struct Entry<P> {
     message: Message,
     state: TaskState,
     shards: Shards,
-    company: Company,
+    /// True if another worker may wait for the shards of this task.
+    is_shared: bool,
     attempt: Option<u32>,
     /// The time of the last progress.
     progress: Time,
@@ -64,17 +65,6 @@ struct Entry<P> {
     /// Time of all threads, s, and the number of shards traced in it.
     traced: (f64, f64),
     payload: Option<P>,
-}
-
-/// The participation of other processes in the same scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Company {
-    /// No other process has traced a part of the scene.
-    Alone,
-    /// The store had some of the scene's shards.
-    Before,
-    /// Another worker may wait for the shards of this task.
-    Now,
 }
 
 impl<P> Entry<P> {
@@ -119,7 +109,7 @@ impl<P> Tasks<P> {
             message: lease.message.clone(),
             state: TaskState::Queued,
             shards: Shards::default(),
-            company: Company::Alone,
+            is_shared: false,
             attempt: None,
             progress: now,
             in_memory_since: None,
@@ -167,14 +157,7 @@ impl<P> Tasks<P> {
         let own = &entry.message.task.shards;
         entry.shards = Shards::new(count, own, found);
         entry.payload = Some(payload);
-        let company = if *own != (0..count) {
-            Company::Now
-        } else if found.is_empty() {
-            Company::Alone
-        } else {
-            Company::Before
-        };
-        entry.company = entry.company.max(company);
+        entry.is_shared |= *own != (0..count);
         self.settle(task)
     }
 
@@ -214,7 +197,7 @@ impl<P> Tasks<P> {
         let Some(entry) = self.entries.get(&task).filter(|_| settled.is_empty()) else {
             return settled;
         };
-        if stopping || entry.company == Company::Now || now.saturating_sub(since) >= checkpoint {
+        if stopping || entry.is_shared || now.saturating_sub(since) >= checkpoint {
             return self.store(task);
         }
         settled
@@ -280,7 +263,7 @@ impl<P> Tasks<P> {
         }
         if let Some(entry) = self.entries.get_mut(&task) {
             entry.shards.leave(shards);
-            entry.company = Company::Now;
+            entry.is_shared = true;
         }
         let mut actions = self.settle(task);
         if actions.is_empty() {
@@ -327,12 +310,6 @@ impl<P> Tasks<P> {
     /// Returns the task's scene, or `None` after the task has ended.
     pub(crate) fn scene(&self, task: TaskId) -> Option<u32> {
         self.entries.get(&task).map(|entry| entry.message.task.scene)
-    }
-
-    /// True if no other process has traced a part of the task's scene.
-    pub(crate) fn is_alone(&self, task: TaskId) -> bool {
-        let entry = self.entries.get(&task);
-        entry.is_some_and(|entry| entry.company == Company::Alone)
     }
 
     pub(crate) fn payload(&self, task: TaskId) -> Option<&P> {
