@@ -112,6 +112,11 @@ pub fn attempt(scene: &SceneId, [start, end]: [u32; 2], n: u32) -> String {
     format!("{ATTEMPTS}/{scene}/{start}-{end}.{n}.json")
 }
 
+/// Returns the key that the worker of an [`attempt`] puts again and again as a sign of life.
+pub(crate) fn sign(scene: &SceneId, [start, end]: [u32; 2], n: u32) -> String {
+    format!("{ATTEMPTS}/{scene}/{start}-{end}.{n}.sign")
+}
+
 /// Returns the shards and the number of an [`attempt`]'s key.
 pub fn attempt_of(key: &str) -> Option<([u32; 2], u32)> {
     let (shards, n) = key.rsplit('/').next()?.strip_suffix(".json")?.split_once('.')?;
@@ -156,6 +161,7 @@ mod tests {
         assert_eq!(shard_of("partials/train-1/0-7.json"), None);
         assert_eq!(scene_of(&further_receipt(&scene, "0123")), Some("train-1"));
         assert_eq!(attempt_of(&attempt(&scene, [3, 64], 2)), Some(([3, 64], 2)));
+        assert_eq!(attempt_of(&sign(&scene, [3, 64], 2)), None);
         assert_eq!(attempt_of("attempts/train-1/notes.json"), None);
     }
 }

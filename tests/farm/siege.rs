@@ -304,9 +304,13 @@ impl Siege {
     /// Publishes random tasks of random scenes, done or not.
     fn publish_duplicates(&mut self) {
         let run = Run::open(&self.place.run, &Roots::default()).unwrap();
-        let queue =
-            NatsCoordinator::connect(&self.server.options(), run.id(), Duration::from_secs(2))
-                .unwrap();
+        let queue = NatsCoordinator::connect(
+            &self.server.options(),
+            run.id(),
+            run.shard_counts(),
+            Duration::from_secs(2),
+        )
+        .unwrap();
         let again: Vec<Message> = (0..6)
             .map(|_| {
                 let scene = self.draw(self.size.scenes) as u32;

@@ -9,7 +9,7 @@ use super::tasks::{Action, TaskId, Tasks, Time};
 use crate::farm::FarmError;
 use crate::farm::queue::Queue;
 use crate::farm::tuples::remove_partials;
-use crate::run::{Event, QuarantineRecord, Run, is_done, keys};
+use crate::run::{Event, QuarantineRecord, Run, forget, is_done, keys};
 use crate::store::Store;
 use crossbeam::deque::Injector;
 use render::line::SceneLine;
@@ -125,9 +125,8 @@ impl<'a> Worker<'a> {
                 Action::RemovePartials { scene } => remove_partials(store, self.line(scene)),
                 Action::ForgetAttempt { task, n } => {
                     let shards = [task.shards.start, task.shards.end];
-                    let key = keys::attempt(&self.line(task.scene).id, shards, n);
                     // A remaining record counts only if the task's next worker is lost, too.
-                    let _ = store.delete(&[key]);
+                    forget(store, &self.line(task.scene).id, shards, n);
                 }
                 Action::Replace { lease, messages } => {
                     let Ok(all_new) = self.queue.publish(&messages) else {

@@ -155,8 +155,10 @@ impl Snapshot {
         if !self.scope.workers {
             return Ok(());
         }
-        let listed: BTreeMap<String, SystemTime> =
+        let mut listed: BTreeMap<String, SystemTime> =
             store.list_times(keys::ATTEMPTS)?.into_iter().collect();
+        // Signs of life have no content of interest.
+        listed.retain(|key, _| keys::attempt_of(key).is_some());
         self.attempts.retain(|key, attempt| listed.get(key) == Some(&attempt.put));
         let is_new = |key: &&String| !self.attempts.contains_key(*key);
         let new: Vec<String> = listed.keys().filter(is_new).cloned().collect();

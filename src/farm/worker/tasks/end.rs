@@ -58,9 +58,10 @@ impl<P> Tasks<P> {
         actions
     }
 
-    /// Requeues the queued and pinned tasks, because this worker hangs.
+    /// Requeues the queued and pinned tasks but the one whose intake may hang, because this worker hangs.
     pub(crate) fn requeue_waiting(&mut self) -> Vec<Action> {
-        let mut actions = self.end_all(TaskEvent::Requeue, |entry| entry.state.waits());
+        let mut actions =
+            self.end_all(TaskEvent::Requeue, |entry| entry.state.waits() && !entry.is_taken_in);
         // The store may hang, so the queue's actions come first.
         actions.sort_by_key(|action| matches!(action, Action::ForgetAttempt { .. }));
         actions

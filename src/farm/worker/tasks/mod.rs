@@ -60,6 +60,8 @@ struct Entry<P> {
     attempt: Option<u32>,
     /// The time of the last progress.
     progress: Time,
+    /// True while the worker examines the task and reads the files of its scene.
+    is_taken_in: bool,
     /// Time at which the oldest unwritten shard was traced.
     in_memory_since: Option<Time>,
     /// Time of all threads, s, and the number of shards traced in it.
@@ -77,7 +79,7 @@ impl<P> Entry<P> {
 
     fn message(&self, shards: Range<u32>) -> Message {
         let scene = self.message.task.scene;
-        Message { task: Task { scene, shards }, hops: self.message.hops + 1 }
+        Message { task: Task { scene, shards }, hops: self.message.hops.saturating_add(1) }
     }
 
     /// Returns the messages for another worker if this one stops: the task's shards that are not in the store, or the
@@ -112,12 +114,35 @@ impl<P> Tasks<P> {
             is_shared: false,
             attempt: None,
             progress: now,
+            is_taken_in: false,
             in_memory_since: None,
             traced: (0.0, 0.0),
             payload: None,
         };
         self.entries.insert(TaskId(self.last), entry);
         Some(TaskId(self.last))
+    }
+
+    /// Notes that the worker begins or ends to examine the task and to read the files of its scene.
+    pub(crate) fn take_in(&mut self, task: TaskId, begins: bool, now: Time) {
+        if let Some(entry) = self.entries.get_mut(&task) {
+            (entry.is_taken_in, entry.progress) = (begins, now);
+        }
+    }
+
+    /// True if the worker holds another lease of the same shards.
+    pub(crate) fn holds_another(&self, task: TaskId) -> bool {
+        let of = |entry: &Entry<P>| entry.message.task.clone();
+        let own = self.entries.get(&task).map(of);
+        self.entries.iter().any(|(other, entry)| *other != task && Some(of(entry)) == own)
+    }
+
+    /// Returns the tasks with a record of an attempt, and the number of the record.
+    pub(crate) fn attempts(&self) -> Vec<(TaskId, Task, u32)> {
+        let of = |(id, entry): (&TaskId, &Entry<P>)| {
+            Some((*id, entry.message.task.clone(), entry.attempt?))
+        };
+        self.entries.iter().filter_map(of).collect()
     }
 
     /// Prevents the donation of a task with a scene that may fail. Returns false if the task was donated meanwhile.
@@ -288,9 +313,11 @@ impl<P> Tasks<P> {
         }
     }
 
-    /// Returns an opened task without progress for more than `hang`, if any.
+    /// Returns a task without progress for more than `hang` that is opened, or whose intake does not end, if any.
     pub(crate) fn hung(&self, now: Time, hang: Duration) -> Option<&Task> {
-        let hangs = |e: &&Entry<P>| !e.state.waits() && now.saturating_sub(e.progress) > hang;
+        let hangs = |e: &&Entry<P>| {
+            (e.is_taken_in || !e.state.waits()) && now.saturating_sub(e.progress) > hang
+        };
         self.entries.values().find(hangs).map(|e| &e.message.task)
     }
 
