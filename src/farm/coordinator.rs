@@ -7,7 +7,7 @@ use super::error::FarmError;
 use super::queue::{Listed, Message, QueueError, QueueKeeper, QueueState};
 use super::round::{Carried, Decision, QueuePoll, Round, decide};
 use super::share::share_run;
-use super::stall::{LISTS_PER_LEASE, StallWatch};
+use super::stall::{LISTS_PER_LEASE, StallWatch, queued, unlisted};
 use super::sweep::sweep_staged;
 use super::tuples::remove_partials;
 use super::worker::whole;
@@ -236,7 +236,7 @@ impl Coordinator<'_> {
             for listed in self.queue.messages()? {
                 self.listed.entry(listed.message.task.scene).or_default().push(listed);
             }
-            scenes = Some(self.listed.keys().copied().collect());
+            scenes = Some(queued(&self.listed));
         }
         Ok(QueuePoll { state, other, scenes })
     }
@@ -255,6 +255,7 @@ impl Coordinator<'_> {
         let snapshot = &self.snapshot;
         let scenes = missing.iter().filter_map(|&scene| {
             let listed = self.listed.get(&(scene as u32))?;
+            listed.iter().find(|listed| listed.is_readable)?;
             Some((scene as u32, snapshot.shards(scene), listed.as_slice()))
         });
         let mut stalled = BTreeSet::new();
@@ -273,15 +274,8 @@ impl Coordinator<'_> {
 
     /// Returns the message that publishes a scene, which must differ from those in the queue.
     fn message(&self, scene: usize, purged: bool) -> Message {
-        let mut message = whole(self.run, scene);
         let there = self.listed.get(&(scene as u32)).filter(|_| !purged);
-        let is_there = |message: &Message| {
-            there.is_some_and(|there| there.iter().any(|listed| listed.message == *message))
-        };
-        while is_there(&message) {
-            message.hops += 1;
-        }
-        message
+        unlisted(whole(self.run, scene), there.map_or(&[], Vec::as_slice))
     }
 
     fn tell_done(&mut self) {

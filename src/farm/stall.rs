@@ -6,7 +6,7 @@
 //! every shard waiting for its first delivery, and of which the store shows nothing new for two leases, is published
 //! again. Together with the lists of the queue, of which there are four in a lease, that takes less than three leases.
 
-use super::queue::Listed;
+use super::queue::{Listed, Message};
 use super::worker::tasks::Time;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -70,7 +70,7 @@ impl StallWatch {
 
 /// True if messages that wait for their first delivery have all shards of a scene.
 fn all_wait(shards: u32, listed: &[Listed]) -> bool {
-    let waiting = listed.iter().filter(|listed| listed.waits);
+    let waiting = listed.iter().filter(|listed| listed.waits && listed.is_readable);
     let mut ranges: Vec<_> = waiting.map(|listed| listed.message.task.shards.clone()).collect();
     ranges.sort_by_key(|range| range.start);
     let reach = ranges
@@ -79,17 +79,32 @@ fn all_wait(shards: u32, listed: &[Listed]) -> bool {
     reach >= shards
 }
 
+/// Returns the scenes with readable messages.
+pub(crate) fn queued(listed: &BTreeMap<u32, Vec<Listed>>) -> BTreeSet<u32> {
+    let has_any = |(_, of): &(&u32, &Vec<Listed>)| of.iter().any(|listed| listed.is_readable);
+    listed.iter().filter(has_any).map(|(scene, _)| *scene).collect()
+}
+
+/// Returns a message of the same task with a subject that no message in the queue has, readable or not: the server
+/// refuses a second one.
+pub(crate) fn unlisted(mut message: Message, there: &[Listed]) -> Message {
+    while there.iter().any(|listed| listed.message == message) {
+        message.hops += 1;
+    }
+    message
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::farm::queue::Message;
     use crate::run::Task;
     use std::ops::Range;
 
     const LEASE: Time = Time::from_secs(4);
 
     fn listed(shards: Range<u32>, waits: bool) -> Listed {
-        Listed { message: Message { task: Task { scene: 0, shards }, hops: 0 }, waits }
+        let message = Message { task: Task { scene: 0, shards }, hops: 0 };
+        Listed { message, waits, is_readable: true }
     }
 
     #[test]

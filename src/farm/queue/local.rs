@@ -211,6 +211,7 @@ impl QueueKeeper for LocalQueue {
         let listed = all.map(|(entry, is_held)| Listed {
             message: entry.message.clone(),
             waits: !is_held && entry.deliveries == 0,
+            is_readable: true,
         });
         Ok(listed.collect())
     }

@@ -108,14 +108,17 @@ pub struct Listed {
     pub message: Message,
     /// True if the message waits for its first delivery. Otherwise a client holds it, or held it.
     pub waits: bool,
+    /// True if the message's bytes name the task that its subject names. Otherwise it only keeps the subject from others,
+    /// until a worker removes it.
+    pub is_readable: bool,
 }
 
 pub trait QueueKeeper: Send + Sync {
     /// Creates the queue if needed. Returns true in the first call, and if any process created it since the last call.
     fn ensure(&self) -> Result<bool, QueueError>;
     fn state(&self) -> Result<QueueState, QueueError>;
-    /// Returns the messages in the queue that name tasks of this run. All others are as good as absent: a worker removes
-    /// them. The bytes of each message were read at least once.
+    /// Returns the messages in the queue with subjects that name tasks of this run. All others are as good as absent: a
+    /// worker removes them. The bytes of each message were read at least once.
     fn messages(&self) -> Result<Vec<Listed>, QueueError>;
     /// Publishes messages. A message that is already in the queue is not an error.
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError>;

@@ -175,9 +175,7 @@ impl QueueKeeper for NatsCoordinator {
         found.extend(RUNTIME.block_on(self.read(&stream, new))?);
         let mut messages = Vec::new();
         for (subject, message, (number, is_good)) in found {
-            if is_good {
-                messages.push(Listed { message, waits: number > delivered });
-            }
+            messages.push(Listed { message, waits: number > delivered, is_readable: is_good });
             read.insert(subject, (number, is_good));
         }
         Ok(messages)
