@@ -249,10 +249,11 @@ pub(crate) fn tuple(bytes: &[u8]) -> bool {
 /// A message of the queue.
 pub(crate) fn message(bytes: &[u8]) -> bool {
     let run = *b"8 bytes!";
-    let Ok(Some(message)) = read_message(bytes, run, 1000) else {
+    let Ok(Some(message)) = read_message(bytes, run, &[64; 1000]) else {
         return false;
     };
     assert!(message.task.scene < 1000 && !message.task.shards.is_empty());
+    assert!(message.task.shards.end <= 64);
     assert_eq!(write_message(run, &message), bytes);
     true
 }

@@ -157,6 +157,12 @@ impl Progress {
             Event::ShardDone { resumed } => self.add(1, resumed),
             Event::PartialRejected { reason } => verbose(&reason),
             Event::QueueLost { reason } => note(&format!("waiting for the queue: {reason}")),
+            Event::MessageRemoved { reason } => warning(&format!(
+                "removed from the queue: {reason}; the coordinator publishes its scene again; see `A stolen key` in docs/farming.md"
+            )),
+            Event::SceneStalled { scene, for_s } => note(&format!(
+                "scene {scene} made no progress for {for_s} s although the queue has messages of it: published again"
+            )),
             Event::StoreLost { reason } => note(&format!("waiting for the store: {reason}")),
             Event::Controlled { state, reason } => {
                 let reason = reason.map_or_else(String::new, |reason| format!(" ({reason})"));

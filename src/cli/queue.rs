@@ -48,14 +48,13 @@ fn options(args: &QueueArgs, name: &str) -> Result<NatsOptions, Failure> {
 /// Connects a worker to the queue.
 pub(super) fn worker(run: &Run, args: &QueueArgs, name: &str) -> Result<NatsWorker, Failure> {
     let options = options(args, name)?;
-    let scenes = run.lines.len();
-    Ok(NatsWorker::connect(&options, run.id(), scenes, args.lease_s)?)
+    Ok(NatsWorker::connect(&options, run.id(), run.shard_counts(), args.lease_s)?)
 }
 
 /// Connects the coordinator to the queue.
 pub(super) fn coordinator(run: &Run, args: &QueueArgs) -> Result<NatsCoordinator, Failure> {
     let options = options(args, "coordinator")?;
-    Ok(NatsCoordinator::connect(&options, run.id(), args.lease_s)?)
+    Ok(NatsCoordinator::connect(&options, run.id(), run.shard_counts(), args.lease_s)?)
 }
 
 /// Connects to the queue in order to read its state; returns `None` without `--queue`.
@@ -71,5 +70,5 @@ pub(super) fn observer(run: &Run, args: &ServerArgs) -> Result<Option<NatsCoordi
         name: "status".to_owned(),
     };
     // This connection creates neither a stream nor a consumer, so it needs no lease.
-    Ok(Some(NatsCoordinator::connect(&options, run.id(), Duration::ZERO)?))
+    Ok(Some(NatsCoordinator::connect(&options, run.id(), run.shard_counts(), Duration::ZERO)?))
 }

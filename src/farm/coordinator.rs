@@ -4,15 +4,16 @@
 //! the queue, then the store, and publishes the missing scenes that are not in the queue. Several may run at once.
 
 use super::error::FarmError;
-use super::queue::{Message, QueueError, QueueKeeper, QueueState};
+use super::queue::{Listed, Message, QueueError, QueueKeeper, QueueState};
 use super::round::{Carried, Decision, QueuePoll, Round, decide};
 use super::share::share_run;
+use super::stall::{LISTS_PER_LEASE, StallWatch, queued, unlisted};
 use super::sweep::sweep_staged;
 use super::tuples::remove_partials;
 use super::worker::whole;
-use crate::run::{AccessError, Control, ControlState, Event, Run, Scope, Snapshot, keys};
+use crate::run::{AccessError, Control, ControlState, Event, Run, Scope, Snapshot, evidence, keys};
 use crate::store::Store;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -22,6 +23,8 @@ pub struct CoordinateOptions<'a> {
     pub stop: &'a AtomicBool,
     /// Shortest time between two rounds.
     pub every: Duration,
+    /// Duration of a lease.
+    pub lease: Duration,
     /// True if a status page shows the run and its workers.
     pub watched: bool,
 }
@@ -102,6 +105,10 @@ pub fn coordinate(
         control: Control::default(),
         published: 0,
         last_full: Instant::now(),
+        start: Instant::now(),
+        last_listed: Instant::now(),
+        listed: BTreeMap::new(),
+        stalls: StallWatch::default(),
         queue_complained: None,
         store_complained: None,
     };
@@ -123,6 +130,11 @@ struct Coordinator<'a> {
     control: Control,
     published: u64,
     last_full: Instant,
+    start: Instant,
+    last_listed: Instant,
+    /// The queue's messages of each scene, as last listed.
+    listed: BTreeMap<u32, Vec<Listed>>,
+    stalls: StallWatch,
     queue_complained: Option<Instant>,
     store_complained: Option<Instant>,
 }
@@ -148,9 +160,17 @@ impl Coordinator<'_> {
             self.store_complained = None;
             self.tell_done();
             let missing: Vec<usize> = self.snapshot.missing().collect();
+            let stalled = match self.stalled(&queue, &missing) {
+                Ok(stalled) => stalled,
+                Err(error) => {
+                    self.wait_for_store(error)?;
+                    continue;
+                }
+            };
             let round = Round {
                 full,
                 queue: queue.as_ref().ok(),
+                stalled: &stalled,
                 missing: &missing,
                 taken_back,
                 control: self.snapshot.control.state,
@@ -195,6 +215,7 @@ impl Coordinator<'_> {
     fn poll(&mut self, full: bool) -> Result<(Result<QueuePoll, QueueError>, bool), FarmError> {
         let queue = self.poll_queue(full);
         let taken_back = if full {
+            self.last_full = Instant::now();
             self.snapshot.refresh(self.run, self.store)?;
             false
         } else {
@@ -203,11 +224,58 @@ impl Coordinator<'_> {
         Ok((queue, taken_back))
     }
 
-    fn poll_queue(&self, full: bool) -> Result<QueuePoll, QueueError> {
+    /// Polls the queue, and lists its messages in a full round and several times in a lease.
+    fn poll_queue(&mut self, full: bool) -> Result<QueuePoll, QueueError> {
         let other = self.queue.ensure()?;
         let state = self.queue.state()?;
-        let scenes = if full { self.queue.scenes()? } else { BTreeSet::new() };
+        let is_due = self.last_listed.elapsed() >= self.options.lease / LISTS_PER_LEASE;
+        let mut scenes = None;
+        if full || is_due {
+            self.last_listed = Instant::now();
+            self.listed.clear();
+            for listed in self.queue.messages()? {
+                self.listed.entry(listed.message.task.scene).or_default().push(listed);
+            }
+            scenes = Some(queued(&self.listed));
+        }
         Ok(QueuePoll { state, other, scenes })
+    }
+
+    /// Returns the missing scenes that stand still although the queue has messages of them.
+    fn stalled(
+        &mut self,
+        queue: &Result<QueuePoll, QueueError>,
+        missing: &[usize],
+    ) -> Result<BTreeSet<usize>, FarmError> {
+        let is_running = self.snapshot.control.state == ControlState::Running;
+        if !is_running || !queue.as_ref().is_ok_and(|queue| queue.scenes.is_some()) {
+            return Ok(BTreeSet::new());
+        }
+        let (now, lease) = (self.start.elapsed(), self.options.lease);
+        let snapshot = &self.snapshot;
+        let scenes = missing.iter().filter_map(|&scene| {
+            let listed = self.listed.get(&(scene as u32))?;
+            listed.iter().find(|listed| listed.is_readable)?;
+            Some((scene as u32, snapshot.shards(scene), listed.as_slice()))
+        });
+        let mut stalled = BTreeSet::new();
+        for scene in self.stalls.observe(now, lease, scenes) {
+            let index = scene as usize;
+            let id = &self.run.lines[index].id;
+            let evidence = evidence(self.store, id)?;
+            if self.stalls.judge(now, lease, scene, evidence) {
+                let scene = id.clone();
+                (self.on_event)(Event::SceneStalled { scene, for_s: 2.0 * lease.as_secs_f64() });
+                stalled.insert(index);
+            }
+        }
+        Ok(stalled)
+    }
+
+    /// Returns the message that publishes a scene, which must differ from those in the queue.
+    fn message(&self, scene: usize, purged: bool) -> Message {
+        let there = self.listed.get(&(scene as u32)).filter(|_| !purged);
+        unlisted(whole(self.run, scene), there.map_or(&[], Vec::as_slice))
     }
 
     fn tell_done(&mut self) {
@@ -252,12 +320,12 @@ impl Coordinator<'_> {
 
     /// Publishes scenes, after a purge of the queue if `purge` is set. Returns false if the queue cannot be reached.
     fn publish(&mut self, purge: bool, scenes: &[usize]) -> bool {
-        let messages: Vec<Message> = scenes.iter().map(|&s| whole(self.run, s)).collect();
+        let messages: Vec<Message> =
+            scenes.iter().map(|&scene| self.message(scene, purge)).collect();
         let purged = if purge { self.queue.purge() } else { Ok(()) };
         match purged.and_then(|()| self.queue.publish(&messages)) {
             Ok(()) => {
                 self.published += messages.len() as u64;
-                self.last_full = Instant::now();
                 true
             }
             Err(error) => {

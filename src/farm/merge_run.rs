@@ -3,7 +3,9 @@
 use super::error::FarmError;
 use crate::farm::sweep::sweep;
 use crate::farm::tuples::{self, encode_noise, remove_partials, write_noise};
-use crate::run::{AccessError, QuarantineRecord, Run, is_done, keys};
+use crate::run::{
+    AccessError, Makers, Provenance, QuarantineRecord, Run, WorkerName, is_done, keys,
+};
 use crate::store::Store;
 use bytes::Bytes;
 use render::color::SrgbEncoder;
@@ -23,11 +25,12 @@ pub struct MergeOutcome {
 }
 
 /// Merges every scene that has a complete set of partials and is neither done nor in quarantine; with `dry_run`, only
-/// lists these scenes. The objects are in the store `elsewhere`, or in the run's folder if `elsewhere` is `None`.
+/// lists these scenes. The receipts name `who` as the worker that merged, and the makers of the partials. The objects are in the store `elsewhere`, or in the run's folder if `elsewhere` is `None`.
 pub fn merge_run(
     run: &Run,
     elsewhere: Option<&Store>,
     dry_run: bool,
+    who: &WorkerName,
     on_scene: &dyn Fn(),
 ) -> Result<MergeOutcome, FarmError> {
     // A dry run writes nothing, not even the lock file. A store elsewhere needs no lock, because merging overwrites
@@ -74,6 +77,10 @@ pub fn merge_run(
             Ok(tuple) => {
                 if !tuple.noise.is_empty() {
                     write_noise(&store, line, &encode_noise(&tuple)?);
+                }
+                let makers = Makers::of(&partials);
+                if !makers.are_only(&who.worker) {
+                    Provenance::new(&line.id, who, &makers).put(&store, &line.id)?;
                 }
                 if elsewhere.is_some() {
                     tuples::write_tuple(&store, &encoded(&tuple, line)?)?;

@@ -5,8 +5,11 @@ use crate::run::Task;
 use bincode::config::{Configuration, Fixint, LittleEndian};
 use bincode::{Decode, Encode};
 
-/// Version of the encoding. A worker leaves messages of other versions to other workers.
+/// Version of the encoding. A worker removes messages of other versions; the coordinator publishes their scenes again.
 const VERSION: u8 = 1;
+
+/// Largest number of times that a task is passed on. A farm passes a task on a few times; a larger number is forged.
+const MOST_HOPS: u32 = 1 << 24;
 
 const CONFIG: Configuration<LittleEndian, Fixint> =
     bincode::config::standard().with_fixed_int_encoding();
@@ -69,17 +72,57 @@ pub fn write_message(run: [u8; 8], message: &Message) -> Vec<u8> {
     })
 }
 
-/// Decodes a message from an untrusted sender. Returns `None` if the message belongs to another run, names a scene that
-/// is not below `scenes`, or has no shards. The scene may have fewer shards than the message names.
+/// Decodes a message from an untrusted sender. `shards` has the number of shards of each scene. Returns `None` if the
+/// message belongs to another run, names a scene or shards that the run does not have, no shards, or too many hops.
 pub fn read_message(
     bytes: &[u8],
     run: [u8; 8],
-    scenes: usize,
+    shards: &[u32],
 ) -> Result<Option<Message>, MessageError> {
     let m: TaskMessage = decode(bytes)?;
-    let valid = m.run == run && (m.scene as usize) < scenes && m.start < m.end;
-    let task = Task { scene: m.scene, shards: m.start..m.end };
-    Ok(valid.then_some(Message { task, hops: m.hops }))
+    let message = Message { task: Task { scene: m.scene, shards: m.start..m.end }, hops: m.hops };
+    Ok((m.run == run && is_valid(&message, shards)).then_some(message))
+}
+
+/// True if the run has the message's shards; `shards` has the number of shards of each scene.
+pub(super) fn is_valid(message: &Message, shards: &[u32]) -> bool {
+    let Task { scene, shards: own } = &message.task;
+    let count = shards.get(*scene as usize).copied().unwrap_or(0);
+    own.start < own.end && own.end <= count && message.hops <= MOST_HOPS
+}
+
+/// Returns the end of a message's subject, which names its task and its hops.
+pub(super) fn write_subject(message: &Message) -> String {
+    let Message { task, hops } = message;
+    format!("span.{}.{}-{}.{hops}", task.scene, task.shards.start, task.shards.end)
+}
+
+/// Reads the end of a subject as [`write_subject`] writes it; `None` for all other texts and for shards that the run
+/// does not have.
+pub(super) fn read_subject(text: &str, shards: &[u32]) -> Option<Message> {
+    let mut parts = text.strip_prefix("span.")?.split('.');
+    let (scene, range, hops) = (parts.next()?, parts.next()?, parts.next()?);
+    let (start, end) = range.split_once('-')?;
+    let task = Task { scene: scene.parse().ok()?, shards: start.parse().ok()?..end.parse().ok()? };
+    let message = Message { task, hops: hops.parse().ok()? };
+    (is_valid(&message, shards) && write_subject(&message) == text).then_some(message)
+}
+
+/// Reads a delivered message: the task that its bytes and its subject name alike, or the reason why it must be removed.
+pub(super) fn read_delivered(
+    subject: &str,
+    bytes: &[u8],
+    run: [u8; 8],
+    shards: &[u32],
+) -> Result<Message, String> {
+    match read_message(bytes, run, shards) {
+        Ok(Some(message)) if read_subject(subject, shards).as_ref() == Some(&message) => {
+            Ok(message)
+        }
+        Ok(Some(_)) => Err(format!("a message does not belong to its subject {subject:?}")),
+        Ok(None) => Err(format!("the message {subject:?} names no shards of this run")),
+        Err(error) => Err(format!("{error} (its subject is {subject:?})")),
+    }
 }
 
 fn encode(message: &impl Encode) -> Vec<u8> {
@@ -145,14 +188,49 @@ mod tests {
     }
 
     #[test]
-    fn messages_with_another_run_an_unknown_scene_or_no_shards_are_ignored() {
-        let read = |message: &TaskMessage, run, scenes| {
-            read_message(&encode(message), run, scenes).unwrap().map(|message| message.task)
+    fn messages_with_another_run_or_shards_that_it_does_not_have_are_refused() {
+        let read = |message: &TaskMessage, run, shards: &[u32]| {
+            read_message(&encode(message), run, shards).unwrap().map(|message| message.task)
         };
         let run = *b"8 bytes!";
-        assert_eq!(read(&MESSAGE, run, 8), Some(Task { scene: 7, shards: 16..32 }));
-        assert_eq!(read(&MESSAGE, *b"another!", 8), None);
-        assert_eq!(read(&MESSAGE, run, 7), None);
-        assert_eq!(read(&TaskMessage { end: 16, ..MESSAGE }, run, 8), None);
+        assert_eq!(read(&MESSAGE, run, &[32; 8]), Some(Task { scene: 7, shards: 16..32 }));
+        assert_eq!(read(&MESSAGE, *b"another!", &[32; 8]), None);
+        assert_eq!(read(&MESSAGE, run, &[32; 7]), None);
+        // The scene has fewer shards: the message is not cut to an empty task.
+        assert_eq!(read(&MESSAGE, run, &[31; 8]), None);
+        assert_eq!(read(&MESSAGE, run, &[16; 8]), None);
+        assert_eq!(read(&TaskMessage { end: 16, ..MESSAGE }, run, &[32; 8]), None);
+        assert_eq!(read(&TaskMessage { hops: u32::MAX, ..MESSAGE }, run, &[32; 8]), None);
+    }
+
+    #[test]
+    fn only_the_subject_of_its_own_message_is_read() {
+        let task = Task { scene: 7, shards: 16..32 };
+        let message = Message { task, hops: 1 };
+        let text = write_subject(&message);
+        assert_eq!(text, "span.7.16-32.1");
+        assert_eq!(read_subject(&text, &[32; 8]), Some(message.clone()));
+        let odd = [
+            "span.7.16-32",
+            "span.07.16-32.1",
+            "span.7.16-33.1",
+            "span.8.16-32.1",
+            "span.7.32-32.1",
+        ];
+        for text in
+            odd.iter().chain(&["span.7.16-32.1.9", "span.x.y.z", "", "give", "span.7.+16-32.1"])
+        {
+            assert_eq!(read_subject(text, &[32; 8]), None, "{text}");
+        }
+        let (run, bytes) = (*b"8 bytes!", write_message(*b"8 bytes!", &message));
+        assert_eq!(read_delivered(&text, &bytes, run, &[32; 8]), Ok(message));
+        let wrong =
+            |subject, bytes: &[u8]| read_delivered(subject, bytes, run, &[32; 8]).unwrap_err();
+        assert!(wrong("span.6.16-32.1", &bytes).contains("does not belong to its subject"));
+        assert!(wrong(&text, b"8 bytes.").contains("version 56, not 1"));
+        assert!(
+            wrong(&text, &write_message(*b"another!", &read_subject(&text, &[32; 8]).unwrap()))
+                .contains("no shards of this run")
+        );
     }
 }

@@ -13,6 +13,7 @@ pub mod queue;
 mod round;
 mod share;
 pub mod simulate;
+mod stall;
 mod sweep;
 mod tuples;
 mod worker;

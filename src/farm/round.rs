@@ -8,8 +8,8 @@ pub(super) struct QueuePoll {
     pub(super) state: QueueState,
     /// True in the first poll, and if any process has created the queue since the last poll.
     pub(super) other: bool,
-    /// Scenes in the queue; empty unless the round is full.
-    pub(super) scenes: BTreeSet<u32>,
+    /// Scenes with messages in the queue, if this round has listed them; a full round always does.
+    pub(super) scenes: Option<BTreeSet<u32>>,
 }
 
 pub(super) struct Round<'a> {
@@ -19,6 +19,8 @@ pub(super) struct Round<'a> {
     pub(super) queue: Option<&'a QueuePoll>,
     /// Scenes that are neither done nor in quarantine.
     pub(super) missing: &'a [usize],
+    /// Missing scenes that stand still although the queue has messages of them.
+    pub(super) stalled: &'a BTreeSet<usize>,
     /// True if a tuple or a quarantine record was removed.
     pub(super) taken_back: bool,
     pub(super) control: ControlState,
@@ -71,16 +73,27 @@ pub(super) fn decide(round: &Round, before: Carried) -> (Decision, Carried) {
         return (Decision::Wait, carried(true));
     }
     let quiet = queue.state.is_quiet();
+    let absent = |purge: bool, scenes: &BTreeSet<u32>| {
+        let is_absent = |scene: &&usize| {
+            purge || !scenes.contains(&(**scene as u32)) || round.stalled.contains(*scene)
+        };
+        round.missing.iter().filter(is_absent).copied().collect::<Vec<usize>>()
+    };
+    let none = BTreeSet::new();
+    let scenes = queue.scenes.as_ref();
     if !round.full {
         let after = Carried { due: due || queue.other || quiet, was_quiet: quiet };
-        return (Decision::Wait, after);
+        let scenes = scenes.map_or_else(Vec::new, |scenes| absent(false, scenes));
+        if scenes.is_empty() {
+            return (Decision::Wait, after);
+        }
+        return (Decision::Publish { purge: false, scenes }, after);
     }
+    let scenes = scenes.unwrap_or(&none);
     // A quiet queue delivers nothing, so any messages in it are leftovers of a killed server.
-    let purge = quiet && before.was_quiet && !queue.scenes.is_empty();
-    let is_absent = |scene: &&usize| purge || !queue.scenes.contains(&(**scene as u32));
-    let scenes = round.missing.iter().filter(is_absent).copied().collect();
+    let purge = quiet && before.was_quiet && !scenes.is_empty();
     let after = Carried { due: quiet, was_quiet: quiet };
-    (Decision::Publish { purge, scenes }, after)
+    (Decision::Publish { purge, scenes: absent(purge, scenes) }, after)
 }
 
 #[cfg(test)]
@@ -93,15 +106,18 @@ mod tests {
         QueuePoll {
             state: QueueState { waiting, held },
             other: false,
-            scenes: scenes.iter().copied().collect(),
+            scenes: Some(scenes.iter().copied().collect()),
         }
     }
+
+    static NONE: BTreeSet<usize> = BTreeSet::new();
 
     fn round<'a>(queue: &'a QueuePoll, missing: &'a [usize], full: bool) -> Round<'a> {
         Round {
             full,
             queue: Some(queue),
             missing,
+            stalled: &NONE,
             taken_back: false,
             control: ControlState::Running,
         }
@@ -117,8 +133,15 @@ mod tests {
         let busy = queue(1, 1, &[1, 4]);
         let (decision, after) = decide(&round(&busy, &[0, 1, 4, 7], true), BEFORE);
         assert_eq!((decision, after), (publish(false, &[0, 7]), BEFORE));
+        // A list of the queue between full rounds suffices; without one, the round only waits.
         let (decision, after) = decide(&round(&busy, &[0, 1], false), BEFORE);
+        assert_eq!((decision, after), (publish(false, &[0]), BEFORE));
+        let unlisted = QueuePoll { scenes: None, ..queue(1, 1, &[]) };
+        let (decision, after) = decide(&round(&unlisted, &[0, 1], false), BEFORE);
         assert_eq!((decision, after), (Decision::Wait, BEFORE));
+        let stalled = BTreeSet::from([4]);
+        let still = Round { stalled: &stalled, ..round(&busy, &[1, 4], false) };
+        assert_eq!(decide(&still, BEFORE).0, publish(false, &[4]));
     }
 
     #[test]
@@ -151,7 +174,7 @@ mod tests {
         assert!(due(&taken_back));
         let away = Round { queue: None, ..round(&busy, &[0], true) };
         assert!(due(&away));
-        let other = QueuePoll { other: true, ..queue(1, 1, &[]) };
+        let other = QueuePoll { other: true, scenes: None, ..queue(1, 1, &[]) };
         assert!(due(&round(&other, &[0], false)));
         assert!(due(&round(&queue(0, 0, &[]), &[0], false)));
     }

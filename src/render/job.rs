@@ -3,7 +3,7 @@
 use crate::bands::{BandedShard, bands};
 use crate::layer::Layer;
 use crate::line::SceneLine;
-use crate::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
+use crate::partial::{Maker, PARTIAL_SCHEMA, Partial, PartialHeader};
 use crate::scene::LoadedScene;
 use crate::shard::{Shard, ShardLayout, scene_digest};
 use crate::trace::{Isa, TRACER_VERSION, TileResult, trace_tile};
@@ -63,9 +63,10 @@ impl<'a> SceneJob<'a> {
         Partial::new(self.header(shard, &result), result.pixels)
     }
 
-    /// Makes the partial of a traced shard with an empty digest, for partials that stay in memory.
-    pub fn partial_in_memory(&self, shard: &Shard, result: TileResult) -> Partial {
-        Partial { header: self.header(shard, &result), pixels: result.pixels }
+    /// Makes the partial of a shard that `maker` has traced, with an empty digest, for partials that stay in memory.
+    pub fn partial_in_memory(&self, shard: &Shard, result: TileResult, maker: &Maker) -> Partial {
+        let header = self.header(shard, &result);
+        Partial { header, pixels: result.pixels, maker: Some(maker.clone()) }
     }
 
     fn header(&self, shard: &Shard, result: &TileResult) -> PartialHeader {

@@ -1,9 +1,14 @@
 //! Records of attempts, which reveal scenes that kill their workers.
 //!
 //! A worker that takes a task first puts `attempts/<scene>/<start>-<end>.<n>.json` and removes it when the task ends
-//! normally. A remaining record belongs to a running or to a failed attempt. When the queue delivers a task again, the
-//! last holder's lease has expired, so its attempt was lost. A child process traces a task that was lost once; after
-//! four losses without new partials, its scene goes into quarantine.
+//! normally. A remaining record belongs to a running or to a failed attempt. As long as the worker holds its lease, it
+//! puts a sign of life beside the record, once in a lease (`<start>-<end>.<n>.sign`).
+//!
+//! The queue's messages prove nothing: any client may publish, repeat or give back any of them. So an attempt counts as
+//! lost only by what is in the store: the parent of a child process has recorded the child's death, or neither the record
+//! nor its sign was put for more than two leases, by the store's clock. A task with a record of another worker is only
+//! *suspect*: a child process traces it. After four losses without new partials, its scene goes into quarantine; an
+//! attempt of which it is unknown whether it is lost counts, too, but only one.
 
 use super::json_line;
 use super::keys;
@@ -11,8 +16,8 @@ use super::task::Task;
 use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
-use std::time::SystemTime;
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::{Duration, SystemTime};
 
 /// Schema of an [`AttemptRecord`].
 pub const ATTEMPT_SCHEMA: &str = "glasshouse.attempt/1";
@@ -147,7 +152,7 @@ impl AttemptRecord {
     /// Removes the record, because the task has ended normally. If that fails, the record counts as a loss once
     /// the queue delivers the task again.
     pub(crate) fn forget(&self, store: &Store) {
-        let _ = store.delete(&[self.key()]);
+        forget(store, &self.scene, self.shards, self.n);
     }
 
     fn end_kind(&self) -> Option<EndKind> {
@@ -178,19 +183,58 @@ impl AttemptRecord {
     }
 }
 
+/// An attempt's record, and the time of the worker's last sign of life, by the store's clock.
+pub(crate) type Signed = (AttemptRecord, SystemTime);
+
+/// Puts the sign of life of an attempt. Ignores a failure: the next sign follows.
+pub(crate) fn sign(store: &Store, scene: &SceneId, task: &Task, n: u32, worker: &str) {
+    let key = keys::sign(scene, [task.shards.start, task.shards.end], n);
+    let _ = store.replace(&key, format!("{worker}\n").as_bytes());
+}
+
+/// Removes the record of an attempt and its sign of life.
+pub(crate) fn forget(store: &Store, scene: &SceneId, shards: [u32; 2], n: u32) {
+    let _ = store.delete(&[keys::attempt(scene, shards, n), keys::sign(scene, shards, n)]);
+}
+
+/// Returns a digest of the store's signs of work at a scene without a tuple: partials, attempts and signs of life.
+pub(crate) fn evidence(store: &Store, scene: &SceneId) -> Result<u64, StoreError> {
+    let mut hasher = blake3::Hasher::new();
+    let mut attempts = store.list_times(&keys::attempts(scene))?;
+    attempts.sort();
+    for (key, time) in attempts {
+        let nanos = time.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default().as_nanos();
+        hasher.update(key.as_bytes()).update(&nanos.to_le_bytes());
+    }
+    let partials = store.list(&keys::partials(scene))?.len() as u64;
+    hasher.update(&partials.to_le_bytes());
+    let digest = hasher.finalize();
+    let first = digest.as_bytes().first_chunk().expect("a digest has 32 bytes");
+    Ok(u64::from_le_bytes(*first))
+}
+
 /// Returns a scene's records, sorted by shards and number.
 pub fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<AttemptRecord>, StoreError> {
     let records = attempts_with_times(store, scene)?.into_iter();
     Ok(records.map(|(record, _)| record).collect())
 }
 
-/// Like [`attempts`], with the times when workers put the records.
+/// Like [`attempts`], with the times of the workers' last signs of life.
 pub(crate) fn attempts_with_times(
     store: &Store,
     scene: &SceneId,
-) -> Result<Vec<(AttemptRecord, SystemTime)>, StoreError> {
+) -> Result<Vec<Signed>, StoreError> {
     let listed = store.list_times(&keys::attempts(scene))?;
-    let (keys, times): (Vec<String>, Vec<SystemTime>) = listed.into_iter().unzip();
+    let signs: BTreeMap<String, SystemTime> =
+        listed.iter().filter(|(key, _)| key.ends_with(".sign")).cloned().collect();
+    let last = |(key, put): (String, SystemTime)| {
+        let sign =
+            keys::attempt_of(&key).and_then(|(shards, n)| signs.get(&keys::sign(scene, shards, n)));
+        let last = sign.map_or(put, |sign| put.max(*sign));
+        (key, last)
+    };
+    let records = listed.into_iter().filter(|(key, _)| keys::attempt_of(key).is_some());
+    let (keys, times): (Vec<String>, Vec<SystemTime>) = records.map(last).unzip();
     let mut records = Vec::new();
     store.for_each(&keys, |index, bytes| {
         let record = bytes.and_then(|bytes| AttemptRecord::parse(scene, &keys[index], &bytes));
@@ -200,15 +244,18 @@ pub(crate) fn attempts_with_times(
     Ok(records)
 }
 
-/// Marks earlier attempts at a task as lost, because the queue has delivered it again: their leases have expired. A
-/// worker that was only slow removes its record when its task ends.
+/// Marks the earlier attempts at a task as lost whose workers gave no sign of life for more than `silence` before `now`,
+/// by the store's clock. A worker that was only slow removes its record when its task ends.
 pub(crate) fn mark_lost(
     store: &Store,
-    records: Vec<AttemptRecord>,
+    records: Vec<Signed>,
     task: &Task,
+    now: SystemTime,
+    silence: Duration,
 ) -> Result<Vec<AttemptRecord>, StoreError> {
-    let mark = |record: AttemptRecord| {
-        if record.ended.is_some() || !record.is_of(task) {
+    let mark = |(record, last): Signed| {
+        let is_silent = now.duration_since(last).is_ok_and(|silent| silent >= silence);
+        if record.ended.is_some() || !record.is_of(task) || !is_silent {
             return Ok(record);
         }
         let reason = format!("worker {} was lost with the task", record.worker);
@@ -217,17 +264,24 @@ pub(crate) fn mark_lost(
     records.into_iter().map(mark).collect()
 }
 
-/// Judges a task by the records of its scene; `found` shards of the task have partials.
+/// Judges a task by the records of its scene; `found` shards of the task have partials. The records must not include one
+/// of the worker that asks.
 pub(crate) fn poison_check(records: &[AttemptRecord], task: &Task, found: u32) -> PoisonCheck {
     let lost: Vec<&AttemptRecord> = records.iter().filter(|record| record.was_lost(task)).collect();
+    // The workers of open records may live or not, and messages could make any number of them. They count as one, and
+    // only beside deaths that parents have seen.
+    let is_open = records.iter().any(|record| record.ended.is_none() && record.is_of(task));
     let Some(last) = lost.last() else {
-        return PoisonCheck::Clean;
+        return if is_open { PoisonCheck::Suspect } else { PoisonCheck::Clean };
     };
     // Attempts that added partials before they were lost count as one: the remaining shards killed at most the last of
     // them.
     let advanced = |record: &&&AttemptRecord| record.is_of(task) && record.found < found;
     let moved = lost.iter().filter(advanced).count();
     let count = lost.len() - moved + moved.min(1);
+    let seen = |r: &&&AttemptRecord| matches!(r.end_kind(), Some(EndKind::Crashed | EndKind::Hung));
+    let are_seen = lost.iter().filter(seen).count() + 1 >= MOST_LOST as usize;
+    let count = count + usize::from(is_open && are_seen);
     if count < MOST_LOST as usize {
         return PoisonCheck::Suspect;
     }
@@ -282,8 +336,12 @@ mod tests {
     #[test]
     fn only_lost_attempts_count() {
         assert_eq!(poison_check(&[], &TASK, 0), PoisonCheck::Clean);
-        // The attempt still runs, or the queue was reset.
-        assert_eq!(poison_check(&[record(1, 0, None)], &TASK, 0), PoisonCheck::Clean);
+        // The attempt still runs, or its worker was lost just now: a child process traces the task. However many such
+        // records there are, they are no reason for quarantine.
+        let open: Vec<AttemptRecord> = (1..20).map(|n| record(n, 0, None)).collect();
+        assert_eq!(poison_check(&open[..1], &TASK, 0), PoisonCheck::Suspect);
+        assert_eq!(poison_check(&open, &TASK, 0), PoisonCheck::Suspect);
+        assert_eq!(poison_check(&open, &TAIL, 0), PoisonCheck::Clean);
         assert_eq!(poison_check(&[record(1, 0, LOST)], &TASK, 0), PoisonCheck::Suspect);
         // A part that was donated before is not suspect, but may contain the shard that killed a child process.
         assert_eq!(poison_check(&[record(1, 0, LOST)], &TAIL, 0), PoisonCheck::Clean);
@@ -293,20 +351,51 @@ mod tests {
     }
 
     #[test]
-    fn a_task_that_is_delivered_again_was_lost() {
+    fn a_task_without_a_sign_of_life_was_lost() {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::local(dir.path()).unwrap();
         let mut running = record(1, 0, None);
         running.begin(&store, &[]).unwrap();
-        let there = attempts(&store, &scene()).unwrap();
-        let there = mark_lost(&store, there, &TAIL).unwrap();
-        assert_eq!(there, [running.clone()]);
-        let marked = mark_lost(&store, there, &TASK).unwrap();
-        assert_eq!(marked[0].ended.as_ref().unwrap().kind, EndKind::Lost);
-        assert_eq!(attempts(&store, &scene()).unwrap(), marked);
+        let silence = Duration::from_secs(4);
+        let marked = |task, after_s| {
+            let there = attempts_with_times(&store, &scene()).unwrap();
+            let now = there[0].1 + Duration::from_secs(after_s);
+            mark_lost(&store, there, task, now, silence).unwrap()
+        };
+        assert_eq!(marked(&TAIL, 9), [running.clone()]);
+        assert_eq!(marked(&TASK, 3), [running.clone()]);
+        // A sign of life is later than the record.
+        let put = attempts_with_times(&store, &scene()).unwrap()[0].1;
+        std::thread::sleep(Duration::from_millis(20));
+        sign(&store, &scene(), &TASK, 1, "w1");
+        assert!(attempts_with_times(&store, &scene()).unwrap()[0].1 > put);
+        let lost = marked(&TASK, 4);
+        assert_eq!(lost[0].ended.as_ref().unwrap().kind, EndKind::Lost);
+        assert_eq!(attempts(&store, &scene()).unwrap(), lost);
         // The worker was only slow, so it removes its record.
         running.forget(&store);
-        assert!(attempts(&store, &scene()).unwrap().is_empty());
+        assert!(store.list("attempts").unwrap().is_empty());
+    }
+
+    /// The coordinator sees a scene at work by any change of these.
+    #[test]
+    fn records_signs_and_partials_are_evidence() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::local(dir.path()).unwrap();
+        let mut seen = BTreeSet::from([evidence(&store, &scene()).unwrap()]);
+        let mut is_new = || seen.insert(evidence(&store, &scene()).unwrap());
+        assert!(!is_new());
+        record(1, 0, None).begin(&store, &[]).unwrap();
+        assert!(is_new() && !is_new());
+        sign(&store, &scene(), &TASK, 1, "w1");
+        assert!(is_new() && !is_new());
+        std::thread::sleep(Duration::from_millis(20));
+        sign(&store, &scene(), &TASK, 1, "w1");
+        assert!(is_new() && !is_new());
+        store.create(&keys::partial(&scene(), 3), b"x").unwrap();
+        assert!(is_new() && !is_new());
+        store.create("attempts/another/0-64.1.json", b"x").unwrap();
+        assert!(!is_new());
     }
 
     #[test]

@@ -31,6 +31,14 @@ pub enum Event {
     },
     /// The queue cannot be reached; work on leased tasks continues.
     QueueLost { reason: String },
+    /// A message named no task of this run and was removed from the queue.
+    MessageRemoved { reason: String },
+    /// The store shows no work at a scene although the queue has messages of it: the coordinator publishes it again.
+    SceneStalled {
+        scene: SceneId,
+        /// Time without progress, s.
+        for_s: f64,
+    },
     /// The store cannot be reached; the caller repeats the call.
     StoreLost { reason: String },
     /// A child process traces a scene that was lost with an earlier process.

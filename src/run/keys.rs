@@ -68,11 +68,6 @@ pub fn shard_of(key: &str) -> Option<u32> {
     key.rsplit('/').next()?.strip_suffix(".exr")?.parse().ok()
 }
 
-/// Returns the key of the provenance of a scene's partials from `start` to `end`.
-pub fn made_by(scene: &SceneId, [start, end]: [u32; 2]) -> String {
-    format!("{PARTIALS}/{scene}/{start}-{end}.json")
-}
-
 /// Returns the key under which `worker` puts its result for `key` if the store holds another result.
 pub fn conflict(worker: &str, key: &str) -> String {
     format!("{CONFLICTS}/{worker}/{key}")
@@ -119,6 +114,11 @@ pub fn attempt(scene: &SceneId, [start, end]: [u32; 2], n: u32) -> String {
     format!("{ATTEMPTS}/{scene}/{start}-{end}.{n}.json")
 }
 
+/// Returns the key that the worker of an [`attempt`] puts again and again as a sign of life.
+pub(crate) fn sign(scene: &SceneId, [start, end]: [u32; 2], n: u32) -> String {
+    format!("{ATTEMPTS}/{scene}/{start}-{end}.{n}.sign")
+}
+
 /// Returns the shards and the number of an [`attempt`]'s key.
 pub fn attempt_of(key: &str) -> Option<([u32; 2], u32)> {
     let (shards, n) = key.rsplit('/').next()?.strip_suffix(".json")?.split_once('.')?;
@@ -126,9 +126,19 @@ pub fn attempt_of(key: &str) -> Option<([u32; 2], u32)> {
     Some(([start.parse().ok()?, end.parse().ok()?], n.parse().ok()?))
 }
 
-/// Returns the key of the provenance of a scene's tuple, which exists if a farm made the tuple.
+/// Returns the key of the first provenance of a scene's tuple, which exists if a farm made the tuple.
 pub fn receipt(scene: &SceneId) -> String {
     format!("{RECEIPTS}/{scene}.json")
+}
+
+/// Returns the folder of the receipts of all workers but the first that merged a scene.
+pub(crate) fn further_receipts(scene: &SceneId) -> String {
+    format!("{RECEIPTS}/{scene}")
+}
+
+/// Returns the key of a receipt in [`further_receipts`]; `digest` is the receipt's.
+pub(crate) fn further_receipt(scene: &SceneId, digest: &str) -> String {
+    format!("{RECEIPTS}/{scene}/{digest}.json")
 }
 
 #[cfg(test)]
@@ -150,8 +160,10 @@ mod tests {
         assert_eq!(scene_of("quarantine/notes.txt"), None);
         assert_eq!(scene_of(SPEC), None);
         assert_eq!(shard_of(&partial(&scene, 7)), Some(7));
-        assert_eq!(shard_of(&made_by(&scene, [0, 7])), None);
+        assert_eq!(shard_of("partials/train-1/0-7.json"), None);
+        assert_eq!(scene_of(&further_receipt(&scene, "0123")), Some("train-1"));
         assert_eq!(attempt_of(&attempt(&scene, [3, 64], 2)), Some(([3, 64], 2)));
+        assert_eq!(attempt_of(&sign(&scene, [3, 64], 2)), None);
         assert_eq!(attempt_of("attempts/train-1/notes.json"), None);
     }
 }

@@ -34,7 +34,10 @@ mod audit;
 pub use attempts::{
     ATTEMPT_SCHEMA, AttemptRecord, EndKind, Ending, MOST_LOST, WorkerName, attempts,
 };
-pub(crate) use attempts::{PoisonCheck, is_unreadable, mark_lost, poison_check};
+pub(crate) use attempts::{
+    PoisonCheck, attempts_with_times, evidence, forget, is_unreadable, mark_lost, poison_check,
+    sign,
+};
 pub(crate) use audit::{
     AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes,
 };
@@ -49,7 +52,7 @@ pub use open::Run;
 pub use planning::PlanError;
 pub(crate) use planning::{PlanOptions, Planned, plan_run};
 pub use provenance::Provenance;
-pub(crate) use provenance::{PartialsProvenance, other_workers};
+pub(crate) use provenance::{Makers, PartialsProvenance, other_workers};
 pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
 pub use retry::{Retried, RetryError, RetryScenes, retry};
 pub use snapshot::{

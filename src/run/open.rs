@@ -92,6 +92,11 @@ impl Run {
         ShardLayout::of(line, self.spec.tile_px)
     }
 
+    /// Returns the number of shards of each scene.
+    pub fn shard_counts(&self) -> Vec<u32> {
+        self.lines.iter().map(|line| self.layout(line).len()).collect()
+    }
+
     /// Locks the run for this process until the returned lock is dropped.
     pub fn lock(&self) -> Result<FolderLock, RunError> {
         lock(&self.root)

@@ -68,7 +68,13 @@ pub fn retry(
     };
     let mut retried =
         Retried { was_finished: store.get(keys::FINISHED)?.is_some(), ..Retried::default() };
-    for scene in manifest.iter().filter(|s| asked(s)) {
+    let chosen: Vec<&SceneId> = manifest.iter().filter(|scene| asked(scene)).collect();
+    if !dry_run && !chosen.is_empty() {
+        // The mark goes first: a kill before the end leaves a run that is open and has too few open scenes, which another
+        // `retry` completes; a mark that went last would leave a finished run with open scenes, which no worker does.
+        store.delete(&[keys::FINISHED.to_owned()])?;
+    }
+    for scene in chosen {
         let is_anew = matches!(which, RetryScenes::Anew(_));
         let attempts = store.list(&keys::attempts(scene))?;
         let results = if is_anew { results(store, scene)? } else { Vec::new() };
@@ -89,9 +95,6 @@ pub fn retry(
             store.delete(&[keys::quarantine(scene)])?;
         }
     }
-    if !dry_run && !retried.scenes.is_empty() {
-        store.delete(&[keys::FINISHED.to_owned()])?;
-    }
     Ok(retried)
 }
 
@@ -101,6 +104,7 @@ fn results(store: &Store, scene: &SceneId) -> Result<Vec<String>, StoreError> {
     let mut results = store.list(&keys::tuple_folder(scene))?;
     results.sort_by_key(|key| *key != record);
     results.extend(store.list(&keys::partials(scene))?);
+    results.extend(store.list(&keys::further_receipts(scene))?);
     let receipt = keys::receipt(scene);
     if store.get(&receipt)?.is_some() {
         results.push(receipt);

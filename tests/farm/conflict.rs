@@ -20,8 +20,13 @@ const SCENE: &str = "train-sample-000001";
 fn twice(place: &Place, server: &Nats) -> NatsCoordinator {
     let run = Run::open(&place.run, &Roots::default()).unwrap();
     let scene = run.lines.iter().position(|line| line.id.as_str() == SCENE);
-    let queue =
-        NatsCoordinator::connect(&server.options(), run.id(), Duration::from_secs(2)).unwrap();
+    let queue = NatsCoordinator::connect(
+        &server.options(),
+        run.id(),
+        run.shard_counts(),
+        Duration::from_secs(2),
+    )
+    .unwrap();
     queue.ensure().unwrap();
     let again = |hops| Message {
         task: Task { scene: scene.unwrap() as u32, shards: 0..SHARDS as u32 },

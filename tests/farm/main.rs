@@ -14,6 +14,7 @@ mod conflict;
 mod control;
 mod damage;
 mod explain;
+mod hostile;
 mod kept_run;
 mod kill;
 mod late;

@@ -142,8 +142,13 @@ fn repeated_reordered_and_foreign_messages_change_nothing() {
     let workers = [worker(&place, &server), worker(&place, &server)];
     wait_for("a result", || results(&place.run) > 2);
     let run = Run::open(&place.run, &Roots::default()).unwrap();
-    let mischief =
-        NatsWorker::connect(&server.options(), run.id(), SCENES, Duration::from_secs(2)).unwrap();
+    let mischief = NatsWorker::connect(
+        &server.options(),
+        run.id(),
+        run.shard_counts(),
+        Duration::from_secs(2),
+    )
+    .unwrap();
     let shards = SHARDS as u32;
     for round in 0..3 {
         let mut again = Vec::new();

@@ -5,7 +5,11 @@ use crate::processes::all_done;
 use crate::support::nats::SecureNats;
 use crate::support::outputs::{assert_same, tuples};
 use crate::support::program::{Running, command, runtime, text};
-use crate::support::scenes::{Place, place, reference};
+use crate::support::scenes::{Place, SCENES, SHARDS, place, reference};
+use async_nats::jetstream::consumer::PullConsumer;
+use futures_util::StreamExt;
+use glasshouse::run::Run;
+use render::line::Roots;
 use std::io::{BufRead, BufReader};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -152,4 +156,73 @@ fn a_role_has_only_the_permissions_that_it_needs() {
         &[&administration, &looking, &work[2..3]],
         &[&work[1..2], &work[3..], &foreign],
     );
+}
+
+/// A thief of the workers' key acknowledges every message without taking it, leaves garbage on the subjects, withholds a
+/// task, and tries to change the stream. The farm makes all tuples once it stops.
+#[test]
+fn a_stolen_worker_key_costs_only_time() {
+    let Some(server) = SecureNats::start() else {
+        return;
+    };
+    let place = place();
+    place.plan();
+    let run = Run::open(&place.run, &Roots::default()).unwrap();
+    let [a, b, c, d, ..] = run.id();
+    let hex = format!("{a:02x}{b:02x}{c:02x}{d:02x}");
+    let stream = format!("GLASSHOUSE_{hex}");
+    let coordinator = start_as(&server, "coordinator", "coordinate", &place, &[]);
+    let seed = std::fs::read_to_string(server.key("worker", "nkey")).unwrap();
+    let ca = server.key("worker", "ca.pem");
+    let _ = rustls::crypto::ring::default_provider().install_default();
+    let runtime = runtime();
+    runtime.block_on(async {
+        let client = async_nats::ConnectOptions::new()
+            .nkey(seed.trim().to_owned())
+            .add_root_certificates(ca)
+            .connect(server.url())
+            .await
+            .unwrap();
+        let context = async_nats::jetstream::new(client.clone());
+        let start = std::time::Instant::now();
+        let messages = async || match context.get_stream(&stream).await {
+            Ok(stream) => stream.cached_info().state.messages,
+            Err(_) => 0,
+        };
+        while messages().await < SCENES as u64 {
+            assert!(start.elapsed() < Duration::from_secs(30), "no messages");
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+        // The key may acknowledge any message by its number.
+        for number in 1..=2 * SCENES {
+            let subject = format!("$JS.ACK.{stream}.work.1.{number}.{number}.1.0");
+            client.publish(subject, "+ACK".into()).await.unwrap();
+        }
+        for scene in 0..SCENES {
+            let subject = format!("glasshouse.{hex}.span.{scene}.0-{SHARDS}.0");
+            client.publish(subject, "garbage!".into()).await.unwrap();
+        }
+        client.flush().await.unwrap();
+        // It takes a message and never returns it.
+        let consumer: PullConsumer =
+            context.get_consumer_from_stream("work", &stream).await.unwrap();
+        let mut batch = consumer.fetch().max_messages(1).messages().await.unwrap();
+        while batch.next().await.is_some() {}
+    });
+    let may_not = [
+        format!("$JS.API.STREAM.PURGE.{stream}"),
+        format!("$JS.API.STREAM.DELETE.{stream}"),
+        format!("$JS.API.STREAM.UPDATE.{stream}"),
+        format!("$JS.API.STREAM.MSG.GET.{stream}"),
+        format!("$JS.API.STREAM.MSG.DELETE.{stream}"),
+        format!("$JS.API.DIRECT.GET.{stream}"),
+        format!("$JS.API.CONSUMER.DELETE.{stream}.work"),
+        format!("$JS.API.CONSUMER.CREATE.{stream}.mine"),
+    ];
+    let all: Vec<&str> = may_not.iter().map(String::as_str).collect();
+    assert_eq!(refused(&server, "worker", &all), may_not);
+    let workers = [1, 2].map(|_| start_as(&server, "worker", "work", &place, &["-j", "1"]));
+    all_done(coordinator, workers);
+    assert!(!place.run.join("quarantine").exists());
+    assert_same(&tuples(&place.run), reference());
 }

@@ -258,7 +258,7 @@ impl Siege {
     /// Returns the number of shards with a result in the store.
     fn done(&self) -> usize {
         let count = |folder: &str| self.store.list(folder).unwrap();
-        let tuples = count("receipts").len();
+        let tuples = count("tuples").iter().filter(|key| key.ends_with("/tuple.json")).count();
         let partials = count("partials");
         let partials = partials.iter().filter(|key| shard_of(key).is_some());
         tuples * self.size.shards() + partials.count()
@@ -303,9 +303,13 @@ impl Siege {
     /// Publishes random tasks of random scenes, done or not.
     fn publish_duplicates(&mut self) {
         let run = Run::open(&self.place.run, &Roots::default()).unwrap();
-        let queue =
-            NatsCoordinator::connect(&self.server.options(), run.id(), Duration::from_secs(2))
-                .unwrap();
+        let queue = NatsCoordinator::connect(
+            &self.server.options(),
+            run.id(),
+            run.shard_counts(),
+            Duration::from_secs(2),
+        )
+        .unwrap();
         let again: Vec<Message> = (0..6)
             .map(|_| {
                 let scene = self.draw(self.size.scenes) as u32;

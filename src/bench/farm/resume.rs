@@ -137,7 +137,7 @@ fn measure_on_queue(
     let path = folder.to_string_lossy();
     let options =
         NatsOptions { url: url.to_owned(), name: "bench".to_owned(), ..NatsOptions::default() };
-    let queue = NatsCoordinator::connect(&options, run.id(), LEASE)?;
+    let queue = NatsCoordinator::connect(&options, run.id(), run.shard_counts(), LEASE)?;
     let coordinator = place.start_on_queue(&["coordinate", &path, "--progress", "none"])?;
     let since = Instant::now();
     loop {

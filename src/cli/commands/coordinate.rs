@@ -53,8 +53,12 @@ pub(super) fn run(
     let signals = Signals::catch();
     let queue = queue::coordinator(&run, &args.queue)?;
     let progress = Progress::new(global, "scenes", 0);
-    let options =
-        CoordinateOptions { stop: signals.stop(), every: EVERY, watched: args.listen.is_some() };
+    let options = CoordinateOptions {
+        stop: signals.stop(),
+        every: EVERY,
+        lease: args.queue.lease_s,
+        watched: args.listen.is_some(),
+    };
     let watch = Arc::new(Mutex::new(Watch::new(&run)));
     let token = token(args, output)?;
     let silent_s = 20.0 * args.queue.lease_s.as_secs_f64();

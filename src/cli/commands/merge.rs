@@ -4,10 +4,11 @@ use crate::cli::args::{FARM, Global};
 use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::{Output, reasons};
 use crate::cli::progress::Progress;
+use crate::cli::queue;
 use crate::cli::store_env::store_options;
 use crate::cli::target;
 use crate::farm::{MergeOutcome, merge_run};
-use crate::run::Run;
+use crate::run::{Run, WorkerName};
 use crate::store::Store;
 use clap::Args as ClapArgs;
 use render::ids::SceneId;
@@ -38,7 +39,8 @@ pub(super) fn run(args: &MergeArgs, global: &Global, output: &Output) -> Result<
     }
     let run = Run::open(&args.run, &Roots::default())?;
     let progress = Progress::new(global, "scenes", run.lines.len() as u64);
-    let outcome = merge_run(&run, store.as_ref(), global.dry_run, &|| {
+    let who = WorkerName { worker: queue::worker_name(), host: queue::host_name() };
+    let outcome = merge_run(&run, store.as_ref(), global.dry_run, &who, &|| {
         progress.add(1, false);
     });
     progress.finish();

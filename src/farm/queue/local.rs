@@ -1,6 +1,8 @@
 //! A queue inside one process, without a server.
 
-use super::{Answer, Lease, Message, Queue, QueueError, QueueKeeper, QueueState, Request, Taken};
+use super::{
+    Answer, Lease, Listed, Message, Queue, QueueError, QueueKeeper, QueueState, Request, Taken,
+};
 use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -202,8 +204,16 @@ impl QueueKeeper for LocalQueue {
         Ok(QueueState { waiting: state.waiting.len() as u64, held: state.held.len() as u64 })
     }
 
-    fn scenes(&self) -> Result<BTreeSet<u32>, QueueError> {
-        Ok(self.lock().there.iter().map(|[scene, ..]| *scene).collect())
+    fn messages(&self) -> Result<Vec<Listed>, QueueError> {
+        let state = self.lock();
+        let held = state.held.values().map(|(entry, _)| (entry, true));
+        let all = state.waiting.iter().map(|entry| (entry, false)).chain(held);
+        let listed = all.map(|(entry, is_held)| Listed {
+            message: entry.message.clone(),
+            waits: !is_held && entry.deliveries == 0,
+            is_readable: true,
+        });
+        Ok(listed.collect())
     }
 
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {

@@ -26,7 +26,6 @@ pub use nats_worker::NatsWorker;
 
 pub use super::message::{MessageError, read_message, write_message};
 use crate::run::Task;
-use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// A task in the queue.
@@ -52,8 +51,11 @@ pub enum Taken {
     Lease(Lease),
     Nothing,
     Ended,
-    /// No lease, because the queue cannot be reached or its message cannot be used. Later calls may succeed.
+    /// No lease, because the queue cannot be reached. Later calls may succeed.
     Lost(String),
+    /// No lease: the queue delivered a message that names no task of this run. This call has removed it, and the
+    /// coordinator publishes its scene again. Later calls may succeed.
+    Removed(String),
 }
 
 /// An idle worker's request for a donation.
@@ -100,12 +102,24 @@ pub trait Queue: Send + Sync {
     fn requested(&self, wait: Duration) -> Option<Request>;
 }
 
+/// A message in the queue, as [`QueueKeeper::messages`] lists it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Listed {
+    pub message: Message,
+    /// True if the message waits for its first delivery. Otherwise a client holds it, or held it.
+    pub waits: bool,
+    /// True if the message's bytes name the task that its subject names. Otherwise it only keeps the subject from others,
+    /// until a worker removes it.
+    pub is_readable: bool,
+}
+
 pub trait QueueKeeper: Send + Sync {
     /// Creates the queue if needed. Returns true in the first call, and if any process created it since the last call.
     fn ensure(&self) -> Result<bool, QueueError>;
     fn state(&self) -> Result<QueueState, QueueError>;
-    /// Returns the scenes of the messages in the queue.
-    fn scenes(&self) -> Result<BTreeSet<u32>, QueueError>;
+    /// Returns the messages in the queue with subjects that name tasks of this run. All others are as good as absent: a
+    /// worker removes them. The bytes of each message were read at least once.
+    fn messages(&self) -> Result<Vec<Listed>, QueueError>;
     /// Publishes messages. A message that is already in the queue is not an error.
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError>;
     fn purge(&self) -> Result<(), QueueError>;
@@ -120,7 +134,7 @@ pub struct QueueState {
 }
 
 impl QueueState {
-    /// True if no message waits and no worker holds one, even if [`QueueKeeper::scenes`] still lists scenes.
+    /// True if no message waits and no worker holds one, even if [`QueueKeeper::messages`] still lists some.
     pub fn is_quiet(&self) -> bool {
         self.waiting == 0 && self.held == 0
     }

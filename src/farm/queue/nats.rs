@@ -5,7 +5,7 @@
 //! the message counts as published. A worker that cannot do a task sends no NAK: it publishes the task with
 //! [`Message::hops`] one higher and acknowledges the old message. So a second delivery usually means a lost worker.
 
-use super::super::message::write_message;
+use super::super::message::{write_message, write_subject};
 use super::{Message, QueueError};
 use crate::store::RUNTIME;
 use async_nats::jetstream::{self, Context};
@@ -165,9 +165,13 @@ impl Connection {
     }
 
     pub(super) fn subject(&self, message: &Message) -> String {
-        let Message { task, hops } = message;
-        let (scene, shards) = (task.scene, &task.shards);
-        format!("{}.span.{scene}.{}-{}.{hops}", self.subjects, shards.start, shards.end)
+        format!("{}.{}", self.subjects, write_subject(message))
+    }
+
+    /// Returns the part of a subject after the run's prefix.
+    pub(super) fn local<'s>(&self, subject: &'s str) -> &'s str {
+        let rest = subject.strip_prefix(self.subjects.as_str());
+        rest.and_then(|rest| rest.strip_prefix('.')).unwrap_or(subject)
     }
 
     /// Publishes messages. Returns true if all are new.

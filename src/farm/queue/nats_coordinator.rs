@@ -1,31 +1,41 @@
 //! The coordinator's side of the queue on NATS JetStream.
 
-use super::nats::{CONSUMER, Connection, NatsOptions};
-use super::{Message, QueueError, QueueKeeper, QueueState};
+use super::super::message::{read_message, read_subject};
+use super::nats::{CONSUMER, Connection, IN_FLIGHT, NatsOptions};
+use super::{Listed, Message, QueueError, QueueKeeper, QueueState};
 use crate::store::RUNTIME;
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
-use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy, StorageType, Stream};
-use futures_util::TryStreamExt;
-use std::collections::BTreeSet;
+use async_nats::jetstream::stream::{
+    Config, DiscardPolicy, LastRawMessageErrorKind, RetentionPolicy, StorageType, Stream,
+};
+use futures_util::{StreamExt, TryStreamExt};
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::sync::Mutex;
 use std::time::Duration;
 
 pub struct NatsCoordinator {
     connection: Connection,
+    /// Number of shards of each scene.
+    shards: Vec<u32>,
     lease: Duration,
+    /// Number in the stream of each listed message, and true if its bytes name the task of its subject.
+    read: Mutex<BTreeMap<String, (u64, bool)>>,
     /// Creation time of the last stream seen, ns since 1970.
     seen: Mutex<Option<i128>>,
 }
 
 impl NatsCoordinator {
-    /// Connects at once, or as soon as the server can be reached.
+    /// Connects at once, or as soon as the server can be reached. `run`: start of the spec's digest; `shards`: number of
+    /// shards of each scene.
     pub fn connect(
         options: &NatsOptions,
         run: [u8; 8],
+        shards: Vec<u32>,
         lease: Duration,
     ) -> Result<Self, QueueError> {
-        Ok(Self { connection: Connection::open(options, run)?, lease, seen: Mutex::new(None) })
+        let connection = Connection::open(options, run)?;
+        Ok(Self { connection, shards, lease, read: Mutex::default(), seen: Mutex::new(None) })
     }
 
     fn config(&self) -> Config {
@@ -96,6 +106,35 @@ impl NatsCoordinator {
     }
 }
 
+/// A subject, its message, its number in the stream, and true if its bytes name the same message.
+type Read = (String, Message, (u64, bool));
+
+impl NatsCoordinator {
+    /// Reads the bytes of messages. Leaves out those that a worker removes meanwhile.
+    async fn read(
+        &self,
+        stream: &Stream,
+        subjects: Vec<(String, Message)>,
+    ) -> Result<Vec<Read>, QueueError> {
+        let run = self.connection.run;
+        let read = futures_util::stream::iter(subjects).map(|(subject, message)| async move {
+            match stream.get_last_raw_message_by_subject(&subject).await {
+                Ok(raw) => {
+                    let there = read_message(&raw.payload, run, &self.shards);
+                    let is_good = there.is_ok_and(|there| there.as_ref() == Some(&message));
+                    Ok(Some((subject, message, (raw.sequence, is_good))))
+                }
+                Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => Ok(None),
+                Err(error) => Err(self.connection.lost(&error)),
+            }
+        });
+        read.buffer_unordered(IN_FLIGHT)
+            .try_filter_map(|found| async move { Ok(found) })
+            .try_collect()
+            .await
+    }
+}
+
 impl QueueKeeper for NatsCoordinator {
     fn ensure(&self) -> Result<bool, QueueError> {
         let made = self.make();
@@ -109,12 +148,37 @@ impl QueueKeeper for NatsCoordinator {
         Ok(QueueState { waiting: info.num_pending, held: info.num_ack_pending as u64 })
     }
 
-    fn scenes(&self) -> Result<BTreeSet<u32>, QueueError> {
+    fn messages(&self) -> Result<Vec<Listed>, QueueError> {
+        let stream = self.stream()?;
+        let info = self.call(stream.consumer_info(CONSUMER))?;
         let filter = format!("{}.span.>", self.connection.subjects);
-        let subjects = self.call(self.stream()?.info_with_subjects(filter))?;
+        let subjects = self.call(stream.info_with_subjects(filter))?;
         let subjects: Vec<(String, usize)> = self.call(subjects.try_collect())?;
-        let scene = |subject: &str| subject.split('.').nth(3)?.parse().ok();
-        Ok(subjects.iter().filter_map(|(subject, _)| scene(subject)).collect())
+        let listed: Vec<(String, Message)> = subjects
+            .into_iter()
+            .filter_map(|(subject, _)| {
+                let message = read_subject(self.connection.local(&subject), &self.shards)?;
+                Some((subject, message))
+            })
+            .collect();
+        let mut read = self.read.lock().expect("no holder of this lock panics");
+        let mut known = std::mem::take(&mut *read);
+        let delivered = info.delivered.stream_sequence;
+        let (mut new, mut found) = (Vec::new(), Vec::new());
+        for (subject, message) in listed {
+            match known.remove(&subject) {
+                // Another message may have taken the subject of a bad one.
+                None | Some((_, false)) => new.push((subject, message)),
+                Some(good) => found.push((subject, message, good)),
+            }
+        }
+        found.extend(RUNTIME.block_on(self.read(&stream, new))?);
+        let mut messages = Vec::new();
+        for (subject, message, (number, is_good)) in found {
+            messages.push(Listed { message, waits: number > delivered, is_readable: is_good });
+            read.insert(subject, (number, is_good));
+        }
+        Ok(messages)
     }
 
     fn publish(&self, messages: &[Message]) -> Result<(), QueueError> {

@@ -1,6 +1,8 @@
 //! A worker's side of the queue on NATS JetStream.
 
-use super::super::message::{read_answer, read_message, read_request, write_answer, write_request};
+use super::super::message::{
+    read_answer, read_delivered, read_request, write_answer, write_request,
+};
 use super::nats::{ANSWER, AWAY, CONSUMER, Connection, NatsOptions, within};
 use super::{Answer, Lease, Message, Queue, QueueError, Request, Taken};
 use crate::store::RUNTIME;
@@ -15,7 +17,8 @@ use tokio::task::JoinHandle;
 
 pub struct NatsWorker {
     connection: Connection,
-    scenes: usize,
+    /// Number of shards of each scene.
+    shards: Vec<u32>,
     lease: Duration,
     consumer: Mutex<Option<PullConsumer>>,
     held: Mutex<BTreeMap<u64, Arc<jetstream::Message>>>,
@@ -24,16 +27,16 @@ pub struct NatsWorker {
 }
 
 impl NatsWorker {
-    /// Connects now, or once the server can be reached. `run`: start of the spec's digest; `scenes`: number of scenes.
+    /// Connects now, or once the server can be reached. `run`: start of the spec's digest; `shards`: number of shards of each scene.
     pub fn connect(
         options: &NatsOptions,
         run: [u8; 8],
-        scenes: usize,
+        shards: Vec<u32>,
         lease: Duration,
     ) -> Result<Self, QueueError> {
         Ok(Self {
             connection: Connection::open(options, run)?,
-            scenes,
+            shards,
             lease,
             consumer: Mutex::default(),
             held: Mutex::default(),
@@ -103,16 +106,21 @@ impl Queue for NatsWorker {
             Ok(info) => (info.delivered, info.stream_sequence),
             Err(error) => return Taken::Lost(error.to_string()),
         };
-        match read_message(&delivered.payload, self.connection.run, self.scenes) {
-            Ok(Some(message)) => {
+        let connection = &self.connection;
+        let subject = connection.local(&delivered.subject);
+        match read_delivered(subject, &delivered.payload, connection.run, &self.shards) {
+            Ok(message) => {
                 let lease = Lease { id, message, redelivered: deliveries > 1 };
                 let mut held = self.held.lock().expect("no holder of this lock panics");
                 held.insert(id, Arc::new(delivered));
                 Taken::Lease(lease)
             }
-            // A worker of another version may be able to decode the message, so the server delivers it again later.
-            Ok(None) => leave(&delivered, "a message does not belong to this run"),
-            Err(error) => leave(&delivered, &error.to_string()),
+            Err(reason) => {
+                // Left in the queue, the message would stand for its scene for ever. If the answer is lost, the server
+                // delivers it again, and the next worker removes it.
+                let _ = within(ANSWER, delivered.double_ack());
+                Taken::Removed(reason)
+            }
         }
     }
 
@@ -185,12 +193,6 @@ impl Queue for NatsWorker {
     fn requested(&self, wait: Duration) -> Option<Request> {
         self.requests.1.recv_timeout(wait).ok()
     }
-}
-
-fn leave(message: &jetstream::Message, reason: &str) -> Taken {
-    let delay = AckKind::Nak(Some(Duration::from_mins(1)));
-    let _ = RUNTIME.block_on(message.ack_with(delay));
-    Taken::Lost(reason.to_owned())
 }
 
 impl Drop for NatsWorker {

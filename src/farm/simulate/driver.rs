@@ -162,8 +162,7 @@ impl Sim<'_> {
                         actions.push_front(Action::Finish { lease });
                     }
                 }
-                Action::LeaveNote { .. }
-                | Action::Quarantine { .. }
+                Action::Quarantine { .. }
                 | Action::RemovePartials { .. }
                 | Action::ForgetAttempt { .. } => {}
             }

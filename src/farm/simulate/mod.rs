@@ -10,6 +10,8 @@
 //! ```
 
 mod bound;
+#[cfg(test)]
+mod byzantine;
 mod case;
 mod coordinator;
 mod driver;

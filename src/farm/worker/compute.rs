@@ -4,7 +4,7 @@ use super::core::panic_reason;
 use super::jobs::{ActiveTask, Band, FinishedScene, Job, Loaded, Objects, Order};
 use super::pool::ComputeThread;
 use crate::farm::FarmError;
-use crate::run::{AccessError, Event, Stage, Stopwatch, keys};
+use crate::run::{AccessError, Event, Makers, Stage, Stopwatch, keys};
 use render::job::SceneJob;
 use render::merge::combine;
 use render::scene::{LoadError, load};
@@ -101,7 +101,7 @@ impl<'a> ComputeThread<'_, 'a> {
         let Some(result) = result else {
             return Ok(());
         };
-        job.add(job.partial_in_memory(&shard, result));
+        job.add(job.partial_in_memory(&shard, result, &worker.maker));
         worker.must_stop();
         let now = worker.now();
         let actions = worker.tasks().traced(task.id, band.shard, now);
@@ -137,11 +137,12 @@ impl<'a> ComputeThread<'_, 'a> {
         let worker = self.worker;
         let start = Stopwatch::start();
         let partials = task.job.take_results();
+        let makers = Makers::of(partials.iter().map(|partial| &**partial));
         let combined = combine(task.job.line, worker.run.spec.tile_px, &partials);
         worker.tally.seconds.add(Stage::Merge, start.spent());
         match combined {
             Ok(tuple) => {
-                let scene = Arc::new(FinishedScene::new(Arc::clone(task), tuple));
+                let scene = Arc::new(FinishedScene::new(Arc::clone(task), tuple, makers));
                 for file in 0..scene.len() {
                     worker.jobs.push(Job::Encode(Arc::clone(&scene), file));
                 }

@@ -14,6 +14,16 @@ use render::merge::encode_tuple_record_1;
 use render::partial;
 use std::path::PathBuf;
 
+/// The stored object under the key of a partial that another worker has put.
+enum There {
+    /// The same result.
+    Same,
+    /// Another result.
+    Differs,
+    /// No valid partial of this shard, so that it must be replaced.
+    Damaged,
+}
+
 impl<'a> Worker<'a> {
     /// Puts a shard's partial, and replaces a damaged one. Returns false after a conflict.
     pub(super) fn put_partial(
@@ -26,11 +36,15 @@ impl<'a> Worker<'a> {
         let Err(mut error) = self.store.create_bytes(&key, bytes.clone()) else {
             return Ok(true);
         };
-        if self.is_damaged(task, shard, &key)? {
-            self.store.delete(std::slice::from_ref(&key))?;
-            match self.store.create_bytes(&key, bytes.clone()) {
-                Ok(_) => return Ok(true),
-                Err(again) => error = again,
+        match self.compare(task, shard, &key, bytes)? {
+            There::Same => return Ok(true),
+            There::Differs => {}
+            There::Damaged => {
+                self.store.delete(std::slice::from_ref(&key))?;
+                match self.store.create_bytes(&key, bytes.clone()) {
+                    Ok(_) => return Ok(true),
+                    Err(again) => error = again,
+                }
             }
         }
         let StoreError::Differs { here, there, .. } = &error else {
@@ -41,15 +55,26 @@ impl<'a> Worker<'a> {
         Ok(false)
     }
 
-    /// True if the stored object is not a valid partial of this scene, and must be replaced.
-    fn is_damaged(&self, task: &ActiveTask<'a>, shard: u32, key: &str) -> Result<bool, FarmError> {
+    /// Compares a stored partial with `bytes`. Partials of two makers are the same if their digests are.
+    fn compare(
+        &self,
+        task: &ActiveTask<'a>,
+        shard: u32,
+        key: &str,
+        bytes: &Bytes,
+    ) -> Result<There, FarmError> {
         let Some(there) = self.store.get(key)? else {
-            return Ok(false);
+            return Ok(There::Differs);
         };
         let path = PathBuf::from(self.store.name()).join(key);
         let expected = task.job.layout.shard(shard);
-        let found = partial::decode(&path, &there);
-        Ok(!found.is_ok_and(|found| task.job.accepts(&expected, &found)))
+        let found = partial::decode(&path, &there).ok();
+        let Some(found) = found.filter(|found| task.job.accepts(&expected, found)) else {
+            return Ok(There::Damaged);
+        };
+        let own = partial::decode(&path, bytes);
+        let is_same = own.is_ok_and(|own| own.header.blake3 == found.header.blake3);
+        Ok(if is_same { There::Same } else { There::Differs })
     }
 
     /// Puts a scene's tuple. Returns false after a conflict.

@@ -9,10 +9,11 @@ use super::tasks::{Action, TaskId, Tasks, Time};
 use crate::farm::FarmError;
 use crate::farm::queue::Queue;
 use crate::farm::tuples::remove_partials;
-use crate::run::{Event, PartialsProvenance, QuarantineRecord, Run, is_done, keys};
+use crate::run::{Event, QuarantineRecord, Run, forget, is_done, keys};
 use crate::store::Store;
 use crossbeam::deque::Injector;
 use render::line::SceneLine;
+use render::partial::Maker;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
@@ -26,6 +27,8 @@ pub(super) struct Worker<'a> {
     pub(super) options: &'a WorkOptions<'a>,
     pub(super) on_event: &'a (dyn Fn(Event) + Sync),
     pub(super) start: Instant,
+    /// This worker, as the maker of its partials.
+    pub(super) maker: Maker,
     pub(super) tasks: Mutex<Tasks<Arc<ActiveTask<'a>>>>,
     /// Jobs for the compute threads, which do them before all else, to store results and to free their memory.
     pub(super) jobs: Injector<Job<'a>>,
@@ -114,10 +117,6 @@ impl<'a> Worker<'a> {
                 Action::Merge { task } => self.for_pool(task, Job::Merge),
                 Action::Gather { task } => self.for_pool(task, Job::Gather),
                 Action::CheckScene { task } => self.check_scene(task)?,
-                Action::LeaveNote { task } => {
-                    let scene = &self.line(task.scene).id;
-                    PartialsProvenance::put(store, scene, &task, &self.options.who);
-                }
                 Action::Quarantine { scene, reason } => {
                     let line = self.line(scene);
                     QuarantineRecord::put(store, &line.id, &reason)?;
@@ -126,9 +125,8 @@ impl<'a> Worker<'a> {
                 Action::RemovePartials { scene } => remove_partials(store, self.line(scene)),
                 Action::ForgetAttempt { task, n } => {
                     let shards = [task.shards.start, task.shards.end];
-                    let key = keys::attempt(&self.line(task.scene).id, shards, n);
                     // A remaining record counts only if the task's next worker is lost, too.
-                    let _ = store.delete(&[key]);
+                    forget(store, &self.line(task.scene).id, shards, n);
                 }
                 Action::Replace { lease, messages } => {
                     let Ok(all_new) = self.queue.publish(&messages) else {

@@ -3,7 +3,7 @@
 use super::tasks::TaskId;
 use crate::farm::FarmError;
 use crate::farm::tuples::encode_noise;
-use crate::run::{AccessError, Task};
+use crate::run::{AccessError, Makers, Task};
 use render::color::SrgbEncoder;
 use render::job::SceneJob;
 use render::line::SceneLine;
@@ -68,6 +68,8 @@ pub(super) struct EncodedTuple {
     /// Names and bytes, in the order of writing.
     pub(super) files: Vec<(String, Vec<u8>)>,
     pub(super) noise: Option<Vec<u8>>,
+    /// The makers of the tuple's partials, for its receipt.
+    pub(super) makers: Makers,
     /// The largest share, among the layers, of paths that ended beyond a photograph's border.
     pub(super) miss_share: f64,
 }
@@ -77,15 +79,16 @@ pub(super) struct EncodedTuple {
 pub(super) struct FinishedScene<'a> {
     pub(super) task: Arc<ActiveTask<'a>>,
     tuple: Tuple,
+    makers: Makers,
     names: Vec<String>,
     encoded: Mutex<Vec<Option<Vec<u8>>>>,
 }
 
 impl<'a> FinishedScene<'a> {
-    pub(super) fn new(task: Arc<ActiveTask<'a>>, tuple: Tuple) -> Self {
+    pub(super) fn new(task: Arc<ActiveTask<'a>>, tuple: Tuple, makers: Makers) -> Self {
         let names = tuple_images(task.job.line);
         let count = names.len() + usize::from(!tuple.noise.is_empty());
-        Self { task, encoded: Mutex::new(vec![None; count]), names, tuple }
+        Self { task, encoded: Mutex::new(vec![None; count]), names, tuple, makers }
     }
 
     /// Returns the number of images: the tuple's, and the noise map if the tuple has one.
@@ -115,6 +118,7 @@ impl<'a> FinishedScene<'a> {
         files.push(record.map_err(|e| AccessError::Tuple(e.to_string()))?);
         let layers = self.tuple.record.layers.values();
         let miss_share = layers.map(|layer| layer.miss_share).fold(0.0, f64::max);
-        Ok(Some(EncodedTuple { files, noise: bytes.next(), miss_share }))
+        let makers = self.makers.clone();
+        Ok(Some(EncodedTuple { files, noise: bytes.next(), makers, miss_share }))
     }
 }

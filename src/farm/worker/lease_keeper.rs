@@ -5,6 +5,8 @@ use super::core::Worker;
 use super::options::SharedQueue;
 use super::prefetch::Appetite;
 use crate::farm::queue::Answer;
+use crate::run::{keys, sign};
+use crossbeam::channel::bounded;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -12,6 +14,9 @@ use std::time::{Duration, Instant};
 const REQUEST: [Duration; 2] = [Duration::from_millis(20), Duration::from_secs(10)];
 /// Longest wait of one poll for requests.
 const WAIT: Duration = Duration::from_millis(20);
+
+/// Longest time in which a hanging worker requeues its unopened tasks before it ends.
+const LEAVES_WITHIN: Duration = Duration::from_secs(5);
 
 pub(super) struct LeaseKeeper<'s, 'a> {
     pub(super) worker: &'s Worker<'a>,
@@ -25,6 +30,7 @@ impl LeaseKeeper<'_, '_> {
         let (worker, queue) = (self.worker, self.shared.queue);
         let every = self.shared.lease / 3;
         let (mut renewed, mut requested) = (Instant::now(), Instant::now());
+        let mut signed = Instant::now();
         let mut pause = REQUEST[0];
         while !worker.stop.over.load(Ordering::Acquire) {
             queue.accept_requests(self.may_donate());
@@ -49,6 +55,10 @@ impl LeaseKeeper<'_, '_> {
                 renewed = Instant::now();
                 (self.shared.on_sign)();
                 self.renew();
+            }
+            if signed.elapsed() >= self.shared.lease && !self.shared.is_child {
+                signed = Instant::now();
+                self.sign();
             }
         }
         queue.accept_requests(false);
@@ -81,6 +91,26 @@ impl LeaseKeeper<'_, '_> {
         count
     }
 
+    /// Puts a sign of life for each attempt of this worker: others believe the store, not the queue.
+    fn sign(&self) {
+        let (worker, hang) = (self.worker, self.worker.options.hang);
+        if worker.tasks().hung(worker.now(), hang).is_some() {
+            return;
+        }
+        // A store that is away costs this thread no time, in which leases would end.
+        let hurried = worker.store.with_patience(Duration::ZERO);
+        let attempts = worker.tasks().attempts();
+        for (id, task, n) in attempts {
+            let (scene, me) = (&worker.line(task.scene).id, &worker.options.who.worker);
+            sign(&hurried, scene, &task, n, me);
+            if !worker.tasks().has(id) {
+                // The task ended meanwhile, and its record may have been removed before the sign was put.
+                let key = keys::sign(scene, [task.shards.start, task.shards.end], n);
+                let _ = hurried.delete(&[key]);
+            }
+        }
+    }
+
     /// Renews all leases. If this worker hangs, requeues its unopened tasks and calls `on_hung` instead.
     fn renew(&self) {
         let (worker, queue) = (self.worker, self.shared.queue);
@@ -96,11 +126,19 @@ impl LeaseKeeper<'_, '_> {
         queue.accept_requests(false);
         let hurried = worker.store.with_patience(Duration::ZERO);
         let actions = worker.tasks().requeue_waiting();
-        let _ = worker.perform_in(&hurried, actions);
-        (self.shared.on_hung)(&format!(
-            "scene {} made no progress for {} s: this worker hangs and leaves the scene to others; see --hang-s",
-            worker.line(hung.scene).id,
-            hang.as_secs_f64()
-        ));
+        std::thread::scope(|scope| {
+            let (sender, done) = bounded(1);
+            scope.spawn(move || {
+                let _ = worker.perform_in(&hurried, actions);
+                let _ = sender.send(());
+            });
+            // The store may be what hangs. The call below ends the process, and with it that thread.
+            let _ = done.recv_timeout(LEAVES_WITHIN);
+            (self.shared.on_hung)(&format!(
+                "scene {} made no progress for {} s: this worker hangs and leaves the scene to others; see --hang-s",
+                worker.line(hung.scene).id,
+                hang.as_secs_f64()
+            ));
+        });
     }
 }

@@ -6,11 +6,11 @@ use super::tasks::TaskId;
 use crate::farm::FarmError;
 use crate::farm::queue::Lease;
 use crate::run::{
-    AttemptRecord, EndKind, Ending, PoisonCheck, QuarantineRecord, attempts, is_done,
-    is_unreadable, keys, mark_lost, poison_check,
+    AttemptRecord, EndKind, Ending, PoisonCheck, QuarantineRecord, attempts, attempts_with_times,
+    is_done, is_unreadable, keys, mark_lost, poison_check,
 };
 use render::line::SceneLine;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 pub(super) enum Finding {
     /// The scene is done or set aside, or another worker has the task now.
@@ -20,6 +20,9 @@ pub(super) enum Finding {
     /// The scene may have killed a process.
     Suspect(AttemptRecord),
 }
+
+/// Number of leases without a sign of life after which an attempt counts as lost. A worker gives one sign in a lease.
+const SILENT_LEASES: u32 = 2;
 
 /// Pause before a machine reads a scene's files again, for each of its earlier failures to read them.
 const READ_AGAIN: Duration = Duration::from_secs(1);
@@ -43,33 +46,61 @@ impl Worker<'_> {
         if self.shared_queue.is_some_and(|shared| shared.is_child) {
             return Ok(Finding::Fresh(None));
         }
-        let mut records = attempts(store, &line.id)?;
-        if lease.redelivered {
-            records = mark_lost(store, records, leased)?;
-        }
         let found = self.found(line, lease)?;
-        let check = poison_check(&records, leased, found);
-        if let PoisonCheck::Poison(reason) = check {
-            let actions = self.tasks().set_aside(task, &reason);
-            self.perform(actions)?;
-            return Ok(Finding::Over);
-        }
-        if !records.is_empty() && !self.tasks().pin(task) {
+        let earlier = attempts(store, &line.id)?;
+        if !earlier.is_empty() && !self.tasks().pin(task) {
             return Ok(Finding::Over);
         }
         let host = &self.options.who.host;
-        let tried_here = records.iter().filter(|r| r.could_not_read(host));
-        self.pause(READ_AGAIN * tried_here.count() as u32);
+        let tried_here = earlier.iter().filter(|r| r.could_not_read(host));
+        for _ in 0..tried_here.count() {
+            self.pause(READ_AGAIN);
+            self.progress(task);
+        }
         let mut record = AttemptRecord::new(&line.id, leased, &self.options.who, found);
-        record.begin(store, &records)?;
+        record.begin(store, &earlier)?;
         if !self.tasks().attempted(task, record.n) {
             record.forget(store);
             return Ok(Finding::Over);
         }
-        Ok(match check {
+        if earlier.is_empty() {
+            return Ok(Finding::Fresh(Some(record)));
+        }
+        let records = self.judged(task, lease, &record)?;
+        Ok(match poison_check(&records, leased, found) {
+            PoisonCheck::Poison(reason) => {
+                record.forget(store);
+                let actions = self.tasks().set_aside(task, &reason);
+                self.perform(actions)?;
+                Finding::Over
+            }
             PoisonCheck::Suspect => Finding::Suspect(record),
-            PoisonCheck::Clean | PoisonCheck::Poison(_) => Finding::Fresh(Some(record)),
+            PoisonCheck::Clean => Finding::Fresh(Some(record)),
         })
+    }
+
+    /// Returns the records of other attempts at the task's scene, the lost ones marked. The worker's own record, which is
+    /// in the store, shows the time by the store's clock. Without a shared queue, no other process lives.
+    fn judged(
+        &self,
+        task: TaskId,
+        lease: &Lease,
+        own: &AttemptRecord,
+    ) -> Result<Vec<AttemptRecord>, FarmError> {
+        let leased = &lease.message.task;
+        let mut records = attempts_with_times(self.store, &own.scene)?;
+        let is_own = |r: &AttemptRecord| (r.shards, r.n) == (own.shards, own.n);
+        let now = records.iter().find(|(record, _)| is_own(record)).map(|(_, put)| *put);
+        let me = &self.options.who.worker;
+        // This worker may hold another message of the same task, but an earlier process may have had its name.
+        let holds_another = self.tasks().holds_another(task);
+        records.retain(|(r, _)| {
+            !is_own(r) && !(holds_another && r.ended.is_none() && r.worker == *me)
+        });
+        let silence =
+            self.shared_queue.map_or(Duration::ZERO, |shared| shared.lease * SILENT_LEASES);
+        let now = now.unwrap_or_else(SystemTime::now);
+        Ok(mark_lost(self.store, records, leased, now, silence)?)
     }
 
     fn found(&self, line: &SceneLine, lease: &Lease) -> Result<u32, FarmError> {

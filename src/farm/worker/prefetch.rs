@@ -71,7 +71,7 @@ impl<'a> Prefetcher<'_, 'a> {
         let worker = self.worker;
         let is_shared = worker.shared_queue.is_some();
         let (mut checked, mut complained) = (Instant::now(), None::<Instant>);
-        let mut hungry_since = None;
+        let (mut hungry_since, mut removed) = (None, None::<Instant>);
         while !worker.must_stop() {
             if is_shared && worker.tasks().has_enough(self.ahead(), worker.costs()) {
                 std::thread::sleep(PAUSE);
@@ -96,6 +96,12 @@ impl<'a> Prefetcher<'_, 'a> {
                     }
                 }
                 Taken::Ended => return,
+                Taken::Removed(reason) => {
+                    if removed.is_none_or(|at| at.elapsed() > COMPLAIN) {
+                        removed = Some(Instant::now());
+                        (worker.on_event)(Event::MessageRemoved { reason });
+                    }
+                }
                 Taken::Lost(reason) => {
                     self.appetite.set_hungry(false);
                     if self.is_run_over() {
@@ -173,7 +179,11 @@ impl<'a> Prefetcher<'_, 'a> {
         let Some(task) = task else {
             return true;
         };
-        match self.examine_and_read(lease, task) {
+        worker.tasks().take_in(task, true, now);
+        let examined = self.examine_and_read(lease, task);
+        let now = worker.now();
+        worker.tasks().take_in(task, false, now);
+        match examined {
             Ok(Some(loaded)) => self.send(loaded),
             Ok(None) => true,
             Err(error) => {
@@ -197,7 +207,7 @@ impl<'a> Prefetcher<'_, 'a> {
             Finding::Fresh(record) => (record, false),
             Finding::Suspect(record) => (Some(record), true),
         };
-        let files = self.read(line)?;
+        let files = self.read(line, task)?;
         match &files {
             Err(error) if self.may_be_mine(error) => {
                 worker.could_not_read(line, task, record, &error.to_string())?;
@@ -221,10 +231,19 @@ impl<'a> Prefetcher<'_, 'a> {
     }
 
     /// Reads a scene's files. The outer error belongs to the store and is no fault of the scene.
-    fn read(&self, line: &SceneLine) -> Result<Result<SceneFiles, LoadError>, StoreError> {
+    fn read(
+        &self,
+        line: &SceneLine,
+        task: TaskId,
+    ) -> Result<Result<SceneFiles, LoadError>, StoreError> {
         let start = Stopwatch::start();
         let run = self.worker.run;
-        let open = |path: &Path| run.inputs.read(path);
+        // Every file is progress, so that a scene with many files on a slow disk does not count as a hang.
+        let open = |path: &Path| {
+            let bytes = run.inputs.read(path);
+            self.worker.progress(task);
+            bytes
+        };
         let files = read_files_by(line, &run.roots, run.root(), &open);
         self.worker.tally.seconds.add(Stage::Read, start.spent());
         match files {

@@ -132,6 +132,7 @@ fn work_on<'a>(
         options,
         on_event,
         start: Instant::now(),
+        maker: options.who.maker(),
         tasks: Mutex::new(Tasks::new(options.checkpoint)),
         jobs: Injector::new(),
         stop: StopSigns::default(),

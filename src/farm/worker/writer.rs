@@ -4,7 +4,7 @@ use super::core::Worker;
 use super::jobs::{ActiveTask, EncodedTuple, Objects, Order};
 use crate::farm::FarmError;
 use crate::farm::tuples::write_noise;
-use crate::run::{Event, Provenance, Stage, Stopwatch};
+use crate::run::{Event, Makers, Provenance, Stage, Stopwatch, keys, other_workers};
 use crossbeam::channel::Receiver;
 
 pub(super) struct Writer<'s, 'a> {
@@ -46,17 +46,12 @@ impl<'a> Writer<'_, 'a> {
     fn tuple(&self, task: &ActiveTask<'a>, encoded: EncodedTuple) -> Result<(), FarmError> {
         let (worker, scene) = (self.worker, &task.job.line.id);
         let start = Stopwatch::start();
-        // The receipt needs the partials' records, which other workers may remove as soon as the tuple exists.
-        let receipt = self.receipt(task);
+        self.leave_receipt(task, &encoded.makers)?;
         if let Some(noise) = encoded.noise {
             write_noise(worker.store, task.job.line, &noise);
         }
         if !worker.put_tuple(task, encoded.files)? {
             return Ok(());
-        }
-        if let Some(receipt) = receipt {
-            // Without the receipt, the coordinator finds the tuple in its next full round.
-            let _ = receipt.put(worker.store, scene);
         }
         worker.tally.seconds.add(Stage::Write, start.spent());
         worker.tally.merged.add(1);
@@ -68,12 +63,20 @@ impl<'a> Writer<'_, 'a> {
         done
     }
 
-    /// Returns the record of the worker that makes the tuple, if other workers take part in the run.
-    fn receipt(&self, task: &ActiveTask<'a>) -> Option<Provenance> {
-        let worker = self.worker;
-        worker.shared_queue?;
-        let alone = worker.tasks().is_alone(task.id);
-        let (scene, who) = (&task.job.line.id, &worker.options.who);
-        Some(Provenance::new(worker.store, scene, who, alone))
+    /// Puts the receipt of a tuple before its first file, so that no tuple is without the names of its makers. A worker
+    /// alone leaves none. A tuple that is already complete has its receipts, and gets nothing from this worker.
+    fn leave_receipt(&self, task: &ActiveTask<'a>, makers: &Makers) -> Result<(), FarmError> {
+        let (worker, scene) = (self.worker, &task.job.line.id);
+        let who = &worker.options.who;
+        let is_own = worker.shared_queue.is_none() && makers.are_only(&who.worker);
+        if is_own || worker.store.get(&keys::tuple_record(scene))?.is_some() {
+            return Ok(());
+        }
+        let mut makers = makers.clone();
+        if makers.unknown > 0 {
+            // Partials of earlier versions: notes and attempts name workers that may have made them.
+            makers.workers.extend(other_workers(worker.store, scene, None, &who.worker)?);
+        }
+        Ok(Provenance::new(scene, who, &makers).put(worker.store, scene)?)
     }
 }

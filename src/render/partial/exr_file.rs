@@ -1,6 +1,6 @@
 //! Encodes and decodes partials as OpenEXR bytes.
 
-use super::{Partial, PartialHeader};
+use super::{Maker, Partial, PartialHeader};
 use crate::formats::exr_read::{check_claim, first_layer, headers};
 use crate::formats::exr_write::write_exr_into;
 use crate::layer::Layer;
@@ -21,6 +21,8 @@ pub struct PartialError {
 
 /// Name of the OpenEXR attribute that contains the header.
 const ATTRIBUTE: &str = "glasshouse";
+/// Name of the OpenEXR attribute that contains the [`Maker`].
+const MAKER_ATTRIBUTE: &str = "glasshouse_maker";
 const COLOURS: [&str; 3] = ["R", "G", "B"];
 /// Number of pixels that `planes` splits into channels at once.
 const BLOCK_PIXELS: usize = 128;
@@ -67,12 +69,13 @@ fn planes(pixels: &[PixelMeans]) -> Vec<Vec<f32>> {
 
 /// Encodes a partial as the bytes of its file.
 pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
-    encode_as(&partial.header, &partial.pixels)
+    encode_as(&partial.header, &partial.pixels, partial.maker.as_ref())
 }
 
 pub(super) fn encode_as(
     header: &PartialHeader,
     pixels: &[PixelMeans],
+    maker: Option<&Maker>,
 ) -> Result<Vec<u8>, exr::error::Error> {
     let tile = header.tile;
     let list = channels()
@@ -85,6 +88,10 @@ pub(super) fn encode_as(
     attributes
         .other
         .insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(header.to_json().as_str())));
+    if let Some(maker) = maker {
+        let text = AttributeValue::Text(Text::from(maker.to_json().as_str()));
+        attributes.other.insert(Text::from(MAKER_ATTRIBUTE), text);
+    }
     let layer = Part::new(
         (tile.width as usize, tile.height as usize),
         attributes,
@@ -131,7 +138,11 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
             *value(pixel, part, of, c) = sample;
         }
     }
-    let partial = Partial { header, pixels };
+    let maker = match layer.attributes.other.get(&Text::from(MAKER_ATTRIBUTE)) {
+        Some(AttributeValue::Text(json)) => Maker::parse(&json.to_string()),
+        _ => None,
+    };
+    let partial = Partial { header, pixels, maker };
     if !partial.is_intact() {
         return Err("its digest does not match its content".to_owned());
     }

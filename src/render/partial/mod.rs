@@ -5,6 +5,9 @@
 //! the error estimate, see [`crate::trace::square_error`]). The header attribute `glasshouse` holds the rest as JSON.
 //! Readers reject a partial that does not match its digest or that no tracer can have made; its shard is then traced again.
 //!
+//! A second attribute, `glasshouse_maker`, names the [`Maker`]. It stands beside the digest and not in it, so partials of
+//! the same shard by two workers are equal in digest and pixels, and differ only in this attribute.
+//!
 //! ```
 //! let torn = render::partial::decode("partials/a/0007.exr".as_ref(), b"v/1");
 //! let error = torn.unwrap_err().to_string();
@@ -13,10 +16,12 @@
 
 mod exr_file;
 mod header;
+mod maker;
 mod sense;
 
 pub use exr_file::{PartialError, decode, encode};
 pub use header::{PARTIAL_SCHEMA, PartialHeader};
+pub use maker::Maker;
 
 use crate::trace::PixelMeans;
 
@@ -25,20 +30,23 @@ pub struct Partial {
     pub header: PartialHeader,
     /// Pixels of the tile, row by row.
     pub pixels: Vec<PixelMeans>,
+    /// The worker that traced the shard; `None` if it is unknown, as in files of earlier versions. The digest does not
+    /// cover it.
+    pub maker: Option<Maker>,
 }
 
 impl Partial {
-    /// Makes a partial and computes its digest.
+    /// Makes a partial without a maker and computes its digest.
     pub fn new(mut header: PartialHeader, pixels: Vec<PixelMeans>) -> Self {
         header.blake3 = digest(&header, &pixels);
-        Self { header, pixels }
+        Self { header, pixels, maker: None }
     }
 
     /// Encodes the partial with a freshly computed digest.
     pub fn seal(&self) -> Result<Vec<u8>, exr::error::Error> {
         let header =
             PartialHeader { blake3: digest(&self.header, &self.pixels), ..self.header.clone() };
-        exr_file::encode_as(&header, &self.pixels)
+        exr_file::encode_as(&header, &self.pixels, self.maker.as_ref())
     }
 
     /// True if the digest matches the content.

@@ -29,8 +29,8 @@ impl Snapshot {
         Ok(())
     }
 
-    /// Like [`Self::refresh`], but ignores partials and finds new tuples by listing receipts (one key per scene), which
-    /// the workers of a farm put after the tuple. Returns true if a receipt or a quarantine record has disappeared, so
+    /// Like [`Self::refresh`], but ignores partials and finds new tuples by listing receipts (about one key per scene),
+    /// which the workers of a farm put before the tuple. Returns true if a receipt or a quarantine record has disappeared, so
     /// that [`Self::refresh`] is due.
     pub fn refresh_news(&mut self, run: &Run, store: &Store) -> Result<bool, StoreError> {
         self.control = Control::get(store)?;
@@ -94,7 +94,9 @@ impl Snapshot {
         let mut listed = vec![None; self.scenes.len()];
         for (key, put) in store.list_times(keys::RECEIPTS)? {
             if let Some(index) = self.index_of(&key) {
-                listed[index] = Some(put);
+                // The receipt of a second worker that merged the scene makes the tuple no newer.
+                let at = &mut listed[index];
+                *at = Some(at.map_or(put, |before: SystemTime| before.min(put)));
             }
         }
         let (mut is_gone, mut new) = (false, Vec::new());
@@ -153,8 +155,10 @@ impl Snapshot {
         if !self.scope.workers {
             return Ok(());
         }
-        let listed: BTreeMap<String, SystemTime> =
+        let mut listed: BTreeMap<String, SystemTime> =
             store.list_times(keys::ATTEMPTS)?.into_iter().collect();
+        // Signs of life have no content of interest.
+        listed.retain(|key, _| keys::attempt_of(key).is_some());
         self.attempts.retain(|key, attempt| listed.get(key) == Some(&attempt.put));
         let is_new = |key: &&String| !self.attempts.contains_key(*key);
         let new: Vec<String> = listed.keys().filter(is_new).cloned().collect();

@@ -22,11 +22,17 @@ pub(super) enum Packet {
     Acknowledge(Sequence),
 }
 
+/// The digest of a result, and the worker that made it.
+pub(super) type Made = (u64, u32);
+
 /// The results in the store as digests, the records of attempts, and the history of puts.
 #[derive(Default)]
 pub(super) struct Store {
-    pub(super) partials: BTreeMap<(u32, u32), u64>,
+    pub(super) partials: BTreeMap<(u32, u32), Made>,
     pub(super) tuples: BTreeMap<u32, u64>,
+    /// The makers of each tuple's partials, and those that its receipts name.
+    makers: BTreeMap<u32, BTreeSet<u32>>,
+    receipts: BTreeMap<u32, BTreeSet<u32>>,
     /// Records of attempts, each with the worker that must remove it, if any worker must.
     pub(super) attempts: BTreeMap<[u32; 4], Option<u32>>,
     /// Partials that were put at any time.
@@ -39,23 +45,40 @@ impl Store {
         self.partials.range((scene, 0)..(scene + 1, 0)).map(|(&(_, shard), _)| shard).collect()
     }
 
-    pub(super) fn put_partial(&mut self, at: (u32, u32), digest: u64) -> Result<(), String> {
+    /// Puts a partial, unless the store has it.
+    pub(super) fn put_partial(&mut self, at: (u32, u32), made: Made) -> Result<(), String> {
         self.put.insert(at);
-        let there = *self.partials.entry(at).or_insert(digest);
-        if there == digest { Ok(()) } else { Err(format!("the bytes of partial {at:?} changed")) }
+        let there = self.partials.entry(at).or_insert(made).0;
+        if there == made.0 { Ok(()) } else { Err(format!("the bytes of partial {at:?} changed")) }
+    }
+
+    /// Puts the receipt of a worker that merges these partials, unless the tuple is complete.
+    pub(super) fn put_receipt(&mut self, scene: u32, makers: BTreeSet<u32>) {
+        self.receipts.entry(scene).or_default().extend(makers);
     }
 
     pub(super) fn put_tuple(
         &mut self,
         scene: u32,
-        from: &BTreeMap<u32, u64>,
+        from: &BTreeMap<u32, Made>,
     ) -> Result<(), String> {
         if from.len() != SHARDS as usize {
             return Err(format!("the tuple of scene {scene} is made from {:?}", from.keys()));
         }
-        let digest = from.values().fold(0, |all, digest| mix(all ^ digest));
+        let digest = from.values().fold(0, |all, made| mix(all ^ made.0));
+        let makers = || from.values().map(|made| made.1).collect();
+        self.makers.entry(scene).or_insert_with(makers);
         let there = *self.tuples.entry(scene).or_insert(digest);
         if there == digest { Ok(()) } else { Err(format!("the bytes of tuple {scene} changed")) }
+    }
+
+    /// Returns a tuple and a maker of its partials that no receipt names.
+    fn unnamed(&self) -> Option<(u32, u32)> {
+        let none = BTreeSet::new();
+        self.makers.iter().find_map(|(scene, makers)| {
+            let named = self.receipts.get(scene).unwrap_or(&none);
+            makers.difference(named).next().map(|maker| (*scene, *maker))
+        })
     }
 
     pub(super) fn remove_partials(&mut self, scene: u32) {
@@ -131,7 +154,7 @@ impl Farm {
         self.log.take().unwrap_or_default().join("\n")
     }
 
-    /// Does one step and checks promises 2 and 3. With every fourth seed, the queue may lose or resurrect messages.
+    /// Does one step and checks promises 2, 3 and 5. With every fourth seed, the queue may lose or resurrect messages.
     pub(super) fn step(&mut self) -> Result<(), String> {
         self.now += Time::from_millis(1);
         let w = self.draw(WORKERS);
@@ -254,8 +277,11 @@ impl Farm {
         self.publish_missing();
     }
 
-    /// Checks promises 2 and 3.
+    /// Checks promises 2, 3 and 5.
     fn check(&self) -> Result<(), String> {
+        if let Some((scene, maker)) = self.store.unnamed() {
+            return Err(format!("no receipt of scene {scene} names worker {maker}"));
+        }
         let has_tuple = |scene| self.store.tuples.contains_key(&scene);
         let has_partial = |at| self.store.partials.contains_key(&at);
         let lost = |at: &&(u32, u32)| !has_tuple(at.0) && !has_partial(**at);

@@ -3,7 +3,7 @@
 //!
 //! A hash of the seed chooses each step of a small farm. Its workers drive [`Tasks`](crate::farm::worker::tasks::Tasks)
 //! (`worker.rs`) against models of the queue, the store and a network that delivers packets late, twice, in any order
-//! or never (`farm.rs`). The tests check four promises:
+//! or never (`farm.rs`). The tests check five promises:
 //!
 //! 1. A result is put once, or again with an equal digest; a tuple is made from every shard of its scene.
 //! 2. As long as the queue keeps its confirmed messages, each scene without a tuple has a message after every step, and
@@ -11,6 +11,7 @@
 //! 3. No stored result is lost.
 //! 4. After the last fault, from any state, every scene gets its tuple, the queue becomes empty, and no live worker
 //!    leaves the record of an attempt.
+//! 5. After every step, the receipts of each tuple name every maker of its partials.
 //!
 //! The tests can fail: they find each [`Mistake`] planted between the machine and its driver.
 
@@ -40,9 +41,13 @@ enum Mistake {
     RemovesPartialsFirst,
     /// The record of an attempt that ended properly is not removed.
     KeepsRecords,
+    /// The receipt is put after the tuple.
+    ReceiptLast,
+    /// The receipt names only the worker that merges.
+    NamesOnlyItself,
 }
 
-const MISTAKES: [Mistake; 8] = [
+const MISTAKES: [Mistake; 10] = [
     Mistake::LeavesBeforeConfirmed,
     Mistake::FinishesFirst,
     Mistake::NeverPublishes,
@@ -51,6 +56,8 @@ const MISTAKES: [Mistake; 8] = [
     Mistake::GathersNothing,
     Mistake::RemovesPartialsFirst,
     Mistake::KeepsRecords,
+    Mistake::ReceiptLast,
+    Mistake::NamesOnlyItself,
 ];
 
 /// Runs the interleaving of a seed. With `log`, an error message starts with all steps.
@@ -112,8 +119,7 @@ fn interleavings_reach_every_action() {
         farm.finish_fairly().unwrap();
         logs.push_str(&farm.log());
     }
-    let actions =
-        ["Store {", "Merge {", "CheckScene {", "Gather {", "LeaveNote {", "RemovePartials {"];
+    let actions = ["Store {", "Merge {", "CheckScene {", "Gather {", "RemovePartials {"];
     let more = ["ForgetAttempt {", "Replace {", "Finish {", "offers", "Sandbox", "gone: ["];
     for text in actions.into_iter().chain(more) {
         assert!(logs.contains(text), "{text}");

@@ -1,7 +1,7 @@
 //! A worker of the small farm: the real state machine, and jobs that each take a step.
 
 use super::Mistake;
-use super::farm::{Farm, Packet, SHARDS, digest, record};
+use super::farm::{Farm, Made, Packet, SHARDS, digest, record};
 use crate::farm::queue::Lease;
 use crate::farm::worker::costs::Costs;
 use crate::farm::worker::tasks::{Action, TaskId, Tasks, Time};
@@ -36,6 +36,7 @@ pub(super) enum Step {
     Put(u32),
     CheckScene,
     Gather,
+    Receipt,
     Merge,
 }
 
@@ -53,7 +54,7 @@ pub(super) struct Worker {
     pub(super) stops: bool,
     /// True if another worker replaces this one when its jobs are done.
     leaves: bool,
-    results: BTreeMap<TaskId, BTreeMap<u32, u64>>,
+    results: BTreeMap<TaskId, BTreeMap<u32, Made>>,
 }
 
 impl Worker {
@@ -149,7 +150,9 @@ impl Farm {
             Step::Loaded(mut listed) => {
                 // If the scene was merged meanwhile, its partials are gone.
                 listed.retain(|shard| found.contains(shard));
-                results.extend(listed.iter().map(|&shard| (shard, digest(scene, shard))));
+                let there =
+                    |&shard: &u32| Some((shard, *self.store.partials.get(&(scene, shard))?));
+                results.extend(listed.iter().filter_map(there));
                 let actions = worker.tasks.loaded(task, SHARDS, &listed, ());
                 next.extend(worker.tasks.waiting(task).into_iter().map(Step::Begin));
                 actions
@@ -162,11 +165,11 @@ impl Farm {
                 Vec::new()
             }
             Step::Trace(shard) => {
-                results.insert(shard, digest(scene, shard));
+                results.insert(shard, (digest(scene, shard), worker.id));
                 worker.tasks.traced(task, shard, now)
             }
             Step::Put(shard) => {
-                self.store.put_partial((scene, shard), digest(scene, shard))?;
+                self.store.put_partial((scene, shard), (digest(scene, shard), worker.id))?;
                 worker.tasks.stored(task, shard)
             }
             Step::CheckScene => {
@@ -179,7 +182,11 @@ impl Farm {
                 }
             }
             Step::Gather => {
-                results.extend(found.iter().map(|&shard| (shard, digest(scene, shard))));
+                let there =
+                    |&shard: &u32| Some((shard, *self.store.partials.get(&(scene, shard))?));
+                let missing = found.iter().filter(|shard| !results.contains_key(shard));
+                let fetched: Vec<(u32, Made)> = missing.filter_map(there).collect();
+                results.extend(fetched);
                 let missing = (0..SHARDS).filter(|shard| !results.contains_key(shard));
                 let missing: Vec<u32> = missing.collect();
                 if self.mistake == Some(Mistake::GathersNothing) {
@@ -191,9 +198,30 @@ impl Farm {
                 }
                 actions
             }
+            Step::Receipt => {
+                let mut makers = BTreeSet::from([worker.id]);
+                if self.mistake != Some(Mistake::NamesOnlyItself) {
+                    makers.extend(results.values().map(|made| made.1));
+                }
+                let is_late = self.mistake == Some(Mistake::ReceiptLast);
+                if is_late || !self.store.tuples.contains_key(&scene) {
+                    self.store.put_receipt(scene, makers);
+                }
+                if is_late {
+                    worker.tasks.merged(task)
+                } else {
+                    next.push(Step::Merge);
+                    Vec::new()
+                }
+            }
             Step::Merge => {
                 self.store.put_tuple(scene, results)?;
-                worker.tasks.merged(task)
+                if self.mistake == Some(Mistake::ReceiptLast) {
+                    next.push(Step::Receipt);
+                    Vec::new()
+                } else {
+                    worker.tasks.merged(task)
+                }
             }
         };
         let worker = &mut self.workers[w];
@@ -235,7 +263,11 @@ impl Farm {
         let worker = &mut self.workers[w];
         let actions = match fate {
             0 => {
-                let all = (0..SHARDS).map(|shard| (shard, digest(scene, shard))).collect();
+                let id = worker.id;
+                let all = (0..SHARDS).map(|shard| (shard, (digest(scene, shard), id))).collect();
+                if !self.store.tuples.contains_key(&scene) {
+                    self.store.put_receipt(scene, BTreeSet::from([id]));
+                }
                 self.store.put_tuple(scene, &all)?;
                 worker.tasks.nothing_to_do(task)
             }
@@ -271,7 +303,8 @@ impl Farm {
                 }
             }
             Action::Merge { task } => {
-                then(task, Step::Merge);
+                let is_late = self.mistake == Some(Mistake::ReceiptLast);
+                then(task, if is_late { Step::Merge } else { Step::Receipt });
                 if self.mistake == Some(Mistake::RemovesPartialsFirst)
                     && let Some(scene) = worker.tasks.scene(task)
                 {
@@ -280,7 +313,7 @@ impl Farm {
             }
             Action::CheckScene { task } => then(task, Step::CheckScene),
             Action::Gather { task } => then(task, Step::Gather),
-            Action::LeaveNote { .. } | Action::Quarantine { .. } => {}
+            Action::Quarantine { .. } => {}
             Action::RemovePartials { scene } => self.store.remove_partials(scene),
             Action::ForgetAttempt { task, n } => {
                 if self.mistake != Some(Mistake::KeepsRecords) {

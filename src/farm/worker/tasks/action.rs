@@ -20,8 +20,6 @@ pub(crate) enum Action {
     CheckScene { task: TaskId },
     /// Fetch the partials of other workers; then report [`gathered`](super::Tasks::gathered).
     Gather { task: TaskId },
-    /// Record this worker as the maker of these shards.
-    LeaveNote { task: Task },
     /// Put the scene into quarantine.
     Quarantine { scene: u32, reason: String },
     /// Remove the scene's partials: its tuple is in the store.

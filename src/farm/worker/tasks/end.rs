@@ -58,9 +58,10 @@ impl<P> Tasks<P> {
         actions
     }
 
-    /// Requeues the queued and pinned tasks, because this worker hangs.
+    /// Requeues the queued and pinned tasks but the one whose intake may hang, because this worker hangs.
     pub(crate) fn requeue_waiting(&mut self) -> Vec<Action> {
-        let mut actions = self.end_all(TaskEvent::Requeue, |entry| entry.state.waits());
+        let mut actions =
+            self.end_all(TaskEvent::Requeue, |entry| entry.state.waits() && !entry.is_taken_in);
         // The store may hang, so the queue's actions come first.
         actions.sort_by_key(|action| matches!(action, Action::ForgetAttempt { .. }));
         actions
@@ -89,19 +90,16 @@ impl<P> Tasks<P> {
         let forget = entry.attempt.map(|n| Action::ForgetAttempt { task: leased.clone(), n });
         let lease = entry.lease;
         let finish = Action::Finish { lease };
-        let note = || Action::LeaveNote { task: leased.clone() };
         let replace = || Action::Replace { lease, messages: entry.rest() };
         let remove = Action::RemovePartials { scene: leased.scene };
         let actions = match end {
             End::Merged => vec![Some(remove), forget, Some(finish)],
-            End::DoneInPart => vec![Some(note()), forget, Some(finish)],
-            End::Done | End::Damaged | End::Donated | End::Failed => vec![forget, Some(finish)],
+            End::DoneInPart | End::Done | End::Damaged | End::Donated | End::Failed => {
+                vec![forget, Some(finish)]
+            }
             End::SetAside => vec![Some(finish)],
             End::Retried => vec![Some(replace())],
-            End::Requeued => {
-                let note = entry.shards.has_stored().then(note);
-                vec![forget, note, Some(replace())]
-            }
+            End::Requeued => vec![forget, Some(replace())],
             End::Cancelled => vec![forget],
         };
         self.entries.remove(&task);

@@ -55,26 +55,18 @@ struct Entry<P> {
     message: Message,
     state: TaskState,
     shards: Shards,
-    company: Company,
+    /// True if another worker may wait for the shards of this task.
+    is_shared: bool,
     attempt: Option<u32>,
     /// The time of the last progress.
     progress: Time,
+    /// True while the worker examines the task and reads the files of its scene.
+    is_taken_in: bool,
     /// Time at which the oldest unwritten shard was traced.
     in_memory_since: Option<Time>,
     /// Time of all threads, s, and the number of shards traced in it.
     traced: (f64, f64),
     payload: Option<P>,
-}
-
-/// The participation of other processes in the same scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Company {
-    /// No other process has traced a part of the scene.
-    Alone,
-    /// The store had some of the scene's shards.
-    Before,
-    /// Another worker may wait for the shards of this task.
-    Now,
 }
 
 impl<P> Entry<P> {
@@ -87,7 +79,7 @@ impl<P> Entry<P> {
 
     fn message(&self, shards: Range<u32>) -> Message {
         let scene = self.message.task.scene;
-        Message { task: Task { scene, shards }, hops: self.message.hops + 1 }
+        Message { task: Task { scene, shards }, hops: self.message.hops.saturating_add(1) }
     }
 
     /// Returns the messages for another worker if this one stops: the task's shards that are not in the store, or the
@@ -119,15 +111,38 @@ impl<P> Tasks<P> {
             message: lease.message.clone(),
             state: TaskState::Queued,
             shards: Shards::default(),
-            company: Company::Alone,
+            is_shared: false,
             attempt: None,
             progress: now,
+            is_taken_in: false,
             in_memory_since: None,
             traced: (0.0, 0.0),
             payload: None,
         };
         self.entries.insert(TaskId(self.last), entry);
         Some(TaskId(self.last))
+    }
+
+    /// Notes that the worker begins or ends to examine the task and to read the files of its scene.
+    pub(crate) fn take_in(&mut self, task: TaskId, begins: bool, now: Time) {
+        if let Some(entry) = self.entries.get_mut(&task) {
+            (entry.is_taken_in, entry.progress) = (begins, now);
+        }
+    }
+
+    /// True if the worker holds another lease of the same shards.
+    pub(crate) fn holds_another(&self, task: TaskId) -> bool {
+        let of = |entry: &Entry<P>| entry.message.task.clone();
+        let own = self.entries.get(&task).map(of);
+        self.entries.iter().any(|(other, entry)| *other != task && Some(of(entry)) == own)
+    }
+
+    /// Returns the tasks with a record of an attempt, and the number of the record.
+    pub(crate) fn attempts(&self) -> Vec<(TaskId, Task, u32)> {
+        let of = |(id, entry): (&TaskId, &Entry<P>)| {
+            Some((*id, entry.message.task.clone(), entry.attempt?))
+        };
+        self.entries.iter().filter_map(of).collect()
     }
 
     /// Prevents the donation of a task with a scene that may fail. Returns false if the task was donated meanwhile.
@@ -167,14 +182,7 @@ impl<P> Tasks<P> {
         let own = &entry.message.task.shards;
         entry.shards = Shards::new(count, own, found);
         entry.payload = Some(payload);
-        let company = if *own != (0..count) {
-            Company::Now
-        } else if found.is_empty() {
-            Company::Alone
-        } else {
-            Company::Before
-        };
-        entry.company = entry.company.max(company);
+        entry.is_shared |= *own != (0..count);
         self.settle(task)
     }
 
@@ -214,7 +222,7 @@ impl<P> Tasks<P> {
         let Some(entry) = self.entries.get(&task).filter(|_| settled.is_empty()) else {
             return settled;
         };
-        if stopping || entry.company == Company::Now || now.saturating_sub(since) >= checkpoint {
+        if stopping || entry.is_shared || now.saturating_sub(since) >= checkpoint {
             return self.store(task);
         }
         settled
@@ -280,7 +288,7 @@ impl<P> Tasks<P> {
         }
         if let Some(entry) = self.entries.get_mut(&task) {
             entry.shards.leave(shards);
-            entry.company = Company::Now;
+            entry.is_shared = true;
         }
         let mut actions = self.settle(task);
         if actions.is_empty() {
@@ -305,9 +313,11 @@ impl<P> Tasks<P> {
         }
     }
 
-    /// Returns an opened task without progress for more than `hang`, if any.
+    /// Returns a task without progress for more than `hang` that is opened, or whose intake does not end, if any.
     pub(crate) fn hung(&self, now: Time, hang: Duration) -> Option<&Task> {
-        let hangs = |e: &&Entry<P>| !e.state.waits() && now.saturating_sub(e.progress) > hang;
+        let hangs = |e: &&Entry<P>| {
+            (e.is_taken_in || !e.state.waits()) && now.saturating_sub(e.progress) > hang
+        };
         self.entries.values().find(hangs).map(|e| &e.message.task)
     }
 
@@ -327,12 +337,6 @@ impl<P> Tasks<P> {
     /// Returns the task's scene, or `None` after the task has ended.
     pub(crate) fn scene(&self, task: TaskId) -> Option<u32> {
         self.entries.get(&task).map(|entry| entry.message.task.scene)
-    }
-
-    /// True if no other process has traced a part of the task's scene.
-    pub(crate) fn is_alone(&self, task: TaskId) -> bool {
-        let entry = self.entries.get(&task);
-        entry.is_some_and(|entry| entry.company == Company::Alone)
     }
 
     pub(crate) fn payload(&self, task: TaskId) -> Option<&P> {

@@ -111,10 +111,6 @@ impl Shards {
     pub(super) fn undone(&self) -> impl Iterator<Item = u32> {
         self.with(|s| !matches!(s, Shard::Elsewhere | Shard::Stored | Shard::Found))
     }
-
-    pub(super) fn has_stored(&self) -> bool {
-        self.0.contains(&Shard::Stored)
-    }
 }
 
 pub(super) fn rows(shards: impl Iterator<Item = u32>) -> Vec<Range<u32>> {
@@ -155,7 +151,7 @@ mod tests {
         assert_eq!(shards.undone().count(), 1);
         shards.stored(6);
         assert_eq!(shards.undone().count(), 0);
-        assert!(shards.has_stored() && !shards.are_all_here());
+        assert!(!shards.are_all_here());
     }
 
     #[test]

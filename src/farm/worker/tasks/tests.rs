@@ -44,7 +44,6 @@ fn a_whole_scene_is_merged_from_memory_before_its_lease_is_finished() {
     assert_eq!(trace(&mut tasks, task, 2, 1), []);
     assert_eq!(trace(&mut tasks, task, 0, 2), []);
     assert_eq!(trace(&mut tasks, task, 1, 3), [Action::Merge { task }]);
-    assert!(tasks.is_alone(task));
     let ended = tasks.merged(task);
     assert_eq!(ended, [Action::RemovePartials { scene: 7 }, forget(0..3), FINISH]);
     assert!(tasks.is_empty());
@@ -73,13 +72,11 @@ fn a_task_with_a_part_of_a_scene_writes_shards_at_once_and_ends_when_they_are_st
     assert_eq!(tasks.stored(task, 3), []);
     assert_eq!(tasks.stored(task, 2), [Action::CheckScene { task }]);
     let mut last = tasks.clone();
-    let note = Action::LeaveNote { task: Task { scene: 7, shards: 2..4 } };
-    assert_eq!(tasks.scene_checked(task, false), [note, forget(2..4), FINISH]);
+    assert_eq!(tasks.scene_checked(task, false), [forget(2..4), FINISH]);
     // The last worker of the scene fetches the rest.
     assert_eq!(last.scene_checked(task, true), [Action::Gather { task }]);
     let mut damaged = last.clone();
     assert_eq!(last.gathered(task, &[]), [Action::Merge { task }]);
-    assert!(!last.is_alone(task));
     let messages = vec![message(5..6)];
     let again = [forget(2..4), Action::Replace { lease: 1, messages }];
     assert_eq!(damaged.gathered(task, &[5]), again);
@@ -89,7 +86,6 @@ fn a_task_with_a_part_of_a_scene_writes_shards_at_once_and_ends_when_they_are_st
 fn stored_shards_are_not_traced_again() {
     let (tasks, task, actions) = opened(0..3, 3, &[1]);
     assert_eq!((tasks.waiting(task), actions), (vec![0, 2], vec![]));
-    assert!(!tasks.is_alone(task));
     let (_, task, all) = opened(0..3, 3, &[0, 1, 2]);
     assert_eq!(all, [Action::Merge { task }]);
     let (_, task, own) = opened(0..3, 6, &[0, 1, 2]);
@@ -137,7 +133,6 @@ fn a_queued_task_is_donated_whole_unless_it_is_pinned_or_being_loaded() {
     assert!(!tasks.load(ids[3], START) && !tasks.pin(ids[3]) && !tasks.attempted(ids[3], 1));
     // Both workers do that task, so this one is not alone.
     assert_eq!(tasks.loaded(ids[2], 2, &[], ()), []);
-    assert!(!tasks.is_alone(ids[2]));
 }
 
 #[test]
@@ -165,8 +160,7 @@ fn a_stopping_worker_starts_no_shard_and_requeues_unstored_ones() {
     assert_eq!(tasks.stored(task, 2), []);
     // The writer did not store shard 1.
     let messages = vec![message(1..2), message(3..8)];
-    let note = Action::LeaveNote { task: Task { scene: 7, shards: 0..8 } };
-    let requeued = [forget(0..8), note, Action::Replace { lease: 1, messages }];
+    let requeued = [forget(0..8), Action::Replace { lease: 1, messages }];
     assert_eq!(tasks.requeue_all(), requeued);
     assert!(tasks.is_empty());
 }

@@ -1,0 +1,114 @@
+//! A Byzantine adversary at the queue: it publishes any bytes on any subject, replays, acknowledges, gives back and
+//! withholds messages, as every client may that has a worker's key.
+//!
+//! A hash of the seed chooses each step of a small farm. Its workers drive the real state machine
+//! ([`Tasks`](crate::farm::worker::tasks::Tasks)), the shipped readers of messages and subjects decide what is a task, the
+//! shipped check of attempts decides what is poison, and its coordinator makes the shipped decisions
+//! ([`decide`](crate::farm::round::decide), [`StallWatch`](crate::farm::stall::StallWatch)). Workers are also killed,
+//! and slow. Every scene is healthy. The tests check four promises:
+//!
+//! 1. No scene is put into quarantine, whatever the adversary does.
+//! 2. After its last act, a scene without a tuple that no worker works at and no readable message waits for is published
+//!    again within three leases, also if the adversary holds messages and renews their leases for ever.
+//! 3. After its last act, every unreadable message that it does not hold is removed.
+//! 4. The run ends: every scene gets its tuple, and the coordinator decides to finish.
+//!
+//! The tests can fail: they find each [`Mistake`], the first four of which earlier versions made.
+
+mod adversary;
+mod farm;
+mod queue;
+mod worker;
+
+use farm::Farm;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mistake {
+    /// The coordinator believes that a scene is queued if any subject names it.
+    BelievesSubjects,
+    /// A range beyond the scene's end is cut to the scene: an empty task is never done.
+    CutsRanges,
+    /// An unreadable message is put back into the queue.
+    PutsBack,
+    /// A second delivery counts as the loss of the first worker.
+    BlamesDeliveries,
+    /// The coordinator does not look for scenes whose messages are held without any work.
+    IgnoresHolders,
+    /// The coordinator publishes a scene under a subject that an unreadable message has.
+    IgnoresTakenSubjects,
+    /// Workers give no sign of life.
+    GivesNoSign,
+}
+
+const MISTAKES: [Mistake; 7] = [
+    Mistake::BelievesSubjects,
+    Mistake::CutsRanges,
+    Mistake::PutsBack,
+    Mistake::BlamesDeliveries,
+    Mistake::IgnoresHolders,
+    Mistake::IgnoresTakenSubjects,
+    Mistake::GivesNoSign,
+];
+
+/// Runs the schedule of a seed. With `log`, an error message starts with all steps.
+fn run(seed: u64, mistake: Option<Mistake>, log: bool) -> Result<(), String> {
+    let mut farm = Farm::new(seed, mistake, log);
+    let steps = farm.draw(160);
+    let ran = (0..steps).try_for_each(|_| farm.hostile_step());
+    let ran = ran.and_then(|()| farm.finish_fairly());
+    ran.map_err(|error| format!("{}\n{error}", farm.log()))
+}
+
+/// Runs all seeds on two threads. Each thread replays its first failure to print all steps.
+fn run_all(seeds: std::ops::Range<u64>) {
+    let middle = u64::midpoint(seeds.start, seeds.end);
+    std::thread::scope(|scope| {
+        for mut part in [seeds.start..middle, middle..seeds.end] {
+            scope.spawn(move || {
+                if let Some(seed) = part.find(|&seed| run(seed, None, false).is_err()) {
+                    let error = run(seed, None, true).expect_err("equal seeds give equal runs");
+                    panic!("seed {seed}; `run({seed}, None, true)` replays it: {error}");
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn no_adversary_harms_a_healthy_scene() {
+    run_all(0..5_000);
+}
+
+/// `cargo test --release --lib a_million_adversaries -- --ignored --nocapture`
+#[test]
+#[ignore = "takes minutes"]
+fn none_of_a_million_adversaries_harms_a_healthy_scene() {
+    let start = std::time::Instant::now();
+    run_all(0..1_000_000);
+    println!("1,000,000 schedules in {:.0} s, 0 violations", start.elapsed().as_secs_f64());
+}
+
+#[test]
+fn the_adversary_does_everything_that_it_may() {
+    let mut logs = String::new();
+    for seed in 0..200 {
+        let mut farm = Farm::new(seed, None, true);
+        (0..100).try_for_each(|_| farm.hostile_step()).unwrap();
+        farm.finish_fairly().unwrap();
+        logs.push_str(&farm.log());
+    }
+    let acts = ["publishes", "replays", "acknowledges", "gives back", "withholds", "releases"];
+    let ours = ["removes", "leases", "child", "killed", "slow", "stands still", "merged"];
+    for text in acts.into_iter().chain(ours) {
+        assert!(logs.contains(text), "{text}");
+    }
+}
+
+#[test]
+fn every_planted_mistake_is_found() {
+    for mistake in MISTAKES {
+        let found = (0..5_000).find(|&seed| run(seed, Some(mistake), false).is_err());
+        let seed = found.unwrap_or_else(|| panic!("{mistake:?} was not found"));
+        run(seed, None, false).unwrap_or_else(|error| panic!("{mistake:?}, seed {seed}: {error}"));
+    }
+}
