@@ -17,6 +17,7 @@ use crate::store::{Store, StoreError};
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::time::{Duration, SystemTime};
 
 /// Schema of an [`AttemptRecord`].
@@ -225,8 +226,9 @@ pub(crate) fn attempts_with_times(
     scene: &SceneId,
 ) -> Result<Vec<Signed>, StoreError> {
     let listed = store.list_times(&keys::attempts(scene))?;
+    let is_sign = |key: &str| Path::new(key).extension().is_some_and(|e| e == "sign");
     let signs: BTreeMap<String, SystemTime> =
-        listed.iter().filter(|(key, _)| key.ends_with(".sign")).cloned().collect();
+        listed.iter().filter(|(key, _)| is_sign(key)).cloned().collect();
     let last = |(key, put): (String, SystemTime)| {
         let sign =
             keys::attempt_of(&key).and_then(|(shards, n)| signs.get(&keys::sign(scene, shards, n)));

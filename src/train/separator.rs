@@ -119,7 +119,11 @@ mod tests {
     }
 
     fn checkpoint(folder: &std::path::Path, stage: Stage, settings: &TrainSettings) -> Checkpoint {
-        let learner = Learner::new(stage, settings, Some(vgg(settings)), &Device::Cpu).unwrap();
+        let mut learner = Learner::new(stage, settings, Some(vgg(settings)), &Device::Cpu).unwrap();
+        learner.generator_adam.steps = 3;
+        if let Some(adam) = &mut learner.discriminator_adam {
+            adam.steps = 3;
+        }
         let origin = Origin {
             vgg_blake3: None,
             scenes_blake3: String::new(),

@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 /// A client that may do to the run's stream what a worker may, and removes messages.
 struct Client {
     runtime: tokio::runtime::Runtime,
-    client: async_nats::Client,
+    connection: async_nats::Client,
     context: jetstream::Context,
     hex: String,
     run: [u8; 8],
@@ -29,12 +29,12 @@ impl Client {
         let run = Run::open(&place.run, &Roots::default()).unwrap().id();
         let [a, b, c, d, ..] = run;
         let runtime = runtime();
-        let client = runtime.block_on(async_nats::connect(server.url())).unwrap();
+        let connection = runtime.block_on(async_nats::connect(server.url())).unwrap();
         let context = {
             let _runtime = runtime.enter();
-            jetstream::new(client.clone())
+            jetstream::new(connection.clone())
         };
-        Self { runtime, client, context, hex: format!("{a:02x}{b:02x}{c:02x}{d:02x}"), run }
+        Self { runtime, connection, context, hex: format!("{a:02x}{b:02x}{c:02x}{d:02x}"), run }
     }
 
     fn stream(&self) -> String {
@@ -44,8 +44,8 @@ impl Client {
     fn publish(&self, subject: &str, bytes: Vec<u8>) {
         let subject = format!("glasshouse.{}.{subject}", self.hex);
         self.runtime.block_on(async {
-            self.client.publish(subject, bytes.into()).await.unwrap();
-            self.client.flush().await.unwrap();
+            self.connection.publish(subject, bytes.into()).await.unwrap();
+            self.connection.flush().await.unwrap();
         });
     }
 
@@ -185,10 +185,10 @@ fn leases_that_a_client_gives_back_blame_no_scene() {
         for number in 1..40 {
             // The reply subject of a delivery; the server reads only the number in the stream.
             let subject = format!("$JS.ACK.{}.work.1.{number}.{number}.1.0", client.stream());
-            client.runtime.block_on(client.client.publish(subject, "-NAK".into())).unwrap();
+            client.runtime.block_on(client.connection.publish(subject, "-NAK".into())).unwrap();
             given_back += 1;
         }
-        client.runtime.block_on(client.client.flush()).unwrap();
+        client.runtime.block_on(client.connection.flush()).unwrap();
         std::thread::sleep(Duration::from_millis(100));
     }
     assert!(given_back > 0);

@@ -89,5 +89,5 @@ fn several_files_are_inspected_and_missing_ones_reported() {
     run_in(place.path(), &["inspect"]).expect(2);
     // A device may have no end.
     let device = run_in(place.path(), &["inspect", "/dev/zero"]).expect(4);
-    assert!(device.stdout.contains("neither a file"), "{device:?}");
+    assert!(device.stdout.contains("a device, not a file"), "{device:?}");
 }

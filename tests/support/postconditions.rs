@@ -53,15 +53,15 @@ impl Call {
         match self.arguments.first().and_then(|name| name.to_str()) {
             Some("plan") => drop(self.planned()),
             Some("run") => self.check_done(&self.planned()),
-            Some("work" | "merge") if !self.has("--queue") && !self.has("--only") => {
-                if !self.has("--store") {
-                    self.check_done(&open(&self.at(1)));
-                }
+            Some("work" | "merge" | "coordinate")
+                if !self.has("--only") && !self.has("--store") =>
+            {
+                self.check_done(&open(&self.at(1)));
             }
             Some("render") => self.check_rendered(),
             Some("separate") => self.check_separated(),
             Some("evaluate") => {
-                self.check_files(&["evaluation.md", "evaluation.csv", "evaluation.json"])
+                self.check_files(&["evaluation.md", "evaluation.csv", "evaluation.json"]);
             }
             Some("export") => self.check_export(),
             Some("report") => self.check_report(),
@@ -208,9 +208,9 @@ impl Call {
         for line in sums.lines() {
             let (sum, name) = line.split_once("  ").unwrap();
             let bytes = std::fs::read(out.join(name)).unwrap_or_default();
-            let found: String =
-                Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
-            assert_eq!(found, sum, "{self}: {name}");
+            let expected =
+                (0..64).step_by(2).map(|k| u8::from_str_radix(&sum[k..k + 2], 16).unwrap());
+            assert!(Sha256::digest(bytes).iter().copied().eq(expected), "{self}: {name}");
             summed.push(name.into());
         }
         summed.sort();

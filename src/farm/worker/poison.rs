@@ -95,7 +95,8 @@ impl Worker<'_> {
         // This worker may hold another message of the same task, but an earlier process may have had its name.
         let holds_another = self.tasks().holds_another(task);
         records.retain(|(r, _)| {
-            !is_own(r) && !(holds_another && r.ended.is_none() && r.worker == *me)
+            let is_of_other_message = holds_another && r.ended.is_none() && r.worker == *me;
+            !is_own(r) && !is_of_other_message
         });
         let silence =
             self.shared_queue.map_or(Duration::ZERO, |shared| shared.lease * SILENT_LEASES);

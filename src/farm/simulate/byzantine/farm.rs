@@ -285,7 +285,7 @@ impl Farm {
                     continue;
                 }
                 let since = *self.abandoned.entry(scene).or_insert(self.now);
-                if self.now - since > 3 * LEASE {
+                if self.now.saturating_sub(since) > 3 * LEASE {
                     return Err(format!("scene {scene} is not published again for three leases"));
                 }
             }

@@ -82,6 +82,7 @@ fn no_adversary_harms_a_healthy_scene() {
 /// `cargo test --release --lib a_million_adversaries -- --ignored --nocapture`
 #[test]
 #[ignore = "takes minutes"]
+#[allow(clippy::print_stdout, reason = "a figure of the documents")]
 fn none_of_a_million_adversaries_harms_a_healthy_scene() {
     let start = std::time::Instant::now();
     run_all(0..1_000_000);
