@@ -175,7 +175,11 @@ impl Store {
             let payload = PutPayload::from_bytes(bytes.clone());
             let put = self.objects.put_opts(&path, payload, PutMode::Create.into());
             let error = match put.await {
-                Ok(_) => return Ok(Put::New),
+                Ok(_) => {
+                    // The folder may have been moved during the put.
+                    self.check_place()?;
+                    return Ok(Put::New);
+                }
                 // If only the answer was lost, the next put finds the same bytes under the key.
                 Err(error) if is_passing(&error) => error,
                 Err(error @ (E::AlreadyExists { .. } | E::Precondition { .. })) => {
