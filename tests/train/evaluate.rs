@@ -236,7 +236,7 @@ fn photographs_are_separated() {
     let of = |stem: &str| out.join(format!("{stem}.transmission.png"));
     let (same, other) =
         (psnr_db(&of("p3-jpeg"), &of("p3-jpeg.srgb")), psnr_db(&of("p3-jpeg"), &of("untagged")));
-    assert!(same > 45.0 && other < 35.0, "{same} {other}");
+    assert!(same > other + 6.0, "{same} {other}");
 
     // `separate` also accepts the folder of a stage or of a checkpoint.
     let stage = place.run.join("train/separation");
