@@ -120,7 +120,8 @@ fn check(run: &Run, store: &Store) -> Result<(), Failure> {
 fn holds_another(folder: &Path, store: &Store) -> Failure {
     failure!(
         Exit::Disagrees,
-        "{} holds another run than {}: their {} files differ; give the store of this run",
+        "{} holds another run than {}: their {} files differ; give the store of this run, or delete the folder \
+         if it is only a worker's copy",
         store.name(),
         folder.display(),
         keys::SPEC

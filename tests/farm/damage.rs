@@ -137,3 +137,36 @@ fn incomplete_tuples_and_tuples_of_another_plan_are_made_again() {
     assert_same(&tuples(&place.run), &before);
     assert_tidy(&place.run);
 }
+
+/// A flipped bit in a copy of the store's spec or manifest is repaired from the store; another whole run is refused.
+#[test]
+fn a_damaged_copy_of_a_run_is_fetched_again() {
+    let place = place();
+    place.plan();
+    let copy = place.folder.path().join("copy");
+    let merge = || run(&["merge", text(&copy), "--store", text(&place.run), "-n"]);
+    merge().expect(3);
+    for name in ["spec.json", "manifest.jsonl"] {
+        let path = copy.join(name);
+        let whole = std::fs::read(&path).unwrap();
+        assert_eq!(whole, std::fs::read(place.run.join(name)).unwrap());
+        // A flip inside of a string of the spec could make another whole spec.
+        for byte in [0, whole.len() - 3] {
+            let mut damaged = whole.clone();
+            damaged[byte] ^= 4;
+            std::fs::write(&path, &damaged).unwrap();
+            merge().expect(3);
+            assert_eq!(std::fs::read(&path).unwrap(), whole, "{name}, byte {byte}");
+        }
+        std::fs::write(&path, b"").unwrap();
+        merge().expect(3);
+        assert_eq!(std::fs::read(&path).unwrap(), whole, "{name}");
+    }
+    // Another plan of the same scenes.
+    let other = place.folder.path().join("other");
+    run(&["plan", text(&place.recipe), "--out", text(&other), "--tile", "128"]).expect(0);
+    let before = std::fs::read(other.join("spec.json")).unwrap();
+    let refused = run(&["merge", text(&other), "--store", text(&place.run), "-n"]);
+    refused.expect(5).says(&["holds another run"]);
+    assert_eq!(std::fs::read(other.join("spec.json")).unwrap(), before);
+}

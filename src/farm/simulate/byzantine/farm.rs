@@ -253,14 +253,11 @@ impl Farm {
         self.queue.publish(write_subject(&message), write_message(RUN, &message));
     }
 
-    /// True if a worker holds a task of the scene, or a readable message of it waits.
+    /// True if a worker works at a task of the scene, or a readable message of it waits.
     fn is_served(&self, scene: u32) -> bool {
+        // A worker goes on with a task whose message the adversary has removed.
         let holds = |worker: &Worker| {
-            worker.tasks.leases().iter().any(|lease| {
-                let kept = self.queue.kept.get(lease);
-                let own = kept.and_then(|kept| read_subject(&kept.subject, &self.shards));
-                own.is_some_and(|message| message.task.scene == scene)
-            })
+            worker.tasks.attempts().iter().any(|(_, task, _)| task.scene == scene)
         };
         let waits = |kept: &super::queue::Kept| {
             let there = read_delivered(&kept.subject, &kept.bytes, RUN, &self.shards);
