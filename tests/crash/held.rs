@@ -102,7 +102,6 @@ fn work_goes_on_after_it_was_stopped_at_a_call() {
 }
 
 #[test]
-#[ignore = "work does not yet compare its lock with the folder"]
 fn work_fails_if_its_folder_moves() {
     if !can_trace() {
         return;
@@ -118,7 +117,6 @@ fn work_fails_if_its_folder_moves() {
 }
 
 #[test]
-#[ignore = "a read that never returns still holds work"]
 fn a_time_limit_ends_a_command_whose_reads_never_return() {
     if !can_trace() {
         return;
