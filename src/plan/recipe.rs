@@ -366,8 +366,7 @@ pairs = { diode = 120, places = 80 }
         let text = PAPER.replacen("[sources.diode]", optional, 1);
         let mut recipe = Recipe::parse(&text).unwrap();
         recipe.camera.f_number = Some(Param::Constant(4.0));
-        recipe.camera.focus =
-            toml::from_str::<CameraRecipe>("focus = { distance_m = 2 }").unwrap().focus;
+        recipe.camera.focus = toml::from_str::<CameraRecipe>("focus = 2").unwrap().focus;
         let names: std::collections::BTreeSet<_> =
             recipe.params().into_iter().map(|(name, _)| name).collect();
         assert_eq!(names, super::super::param::PARAMETERS.map(str::to_owned).into());
