@@ -149,7 +149,8 @@ fn every_command_works_in_a_folder_whose_name_is_not_text() {
     tested.dedup();
     // A new command is tested as soon as its help has an example, and another test requires one.
     let commands = Args::command();
-    for name in commands.get_subcommands().filter(|c| !c.is_hide_set()).map(|c| c.get_name()) {
+    for name in commands.get_subcommands().filter(|c| !c.is_hide_set()).map(clap::Command::get_name)
+    {
         assert!(tested.iter().any(|other| other == name), "{name} is not tested");
     }
 }

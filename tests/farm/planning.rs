@@ -188,7 +188,7 @@ fn absolute_paths_stay_in_the_spec() {
         let content = std::fs::read_to_string(path).unwrap();
         assert!(content.contains("folder-1:") && !content.contains("private"), "{content}");
     }
-    let spec = read_json(&out.join("spec.json"));
+    let spec = read_json(out.join("spec.json"));
     assert_eq!(spec["roots"]["folder-1"], text(&photos));
     // The scene can be rendered again, and planning again changes nothing.
     let planned = run(&["plan", text(&lines), "--out", text(&out)]).expect(0);
@@ -204,7 +204,7 @@ fn absolute_paths_stay_in_the_spec() {
     let manifest = std::fs::read_to_string(old.join("manifest.jsonl")).unwrap();
     let manifest = manifest.replace("folder-1:", &format!("{}/", text(&photos)));
     std::fs::write(old.join("manifest.jsonl"), &manifest).unwrap();
-    let mut spec = read_json(&old.join("spec.json"));
+    let mut spec = read_json(old.join("spec.json"));
     spec["manifest_blake3"] = json!(render::shard::manifest_digest(&manifest));
     spec["roots"].as_object_mut().unwrap().remove("folder-1");
     std::fs::write(old.join("spec.json"), spec.to_string()).unwrap();
