@@ -25,7 +25,8 @@ pub struct MergeOutcome {
 }
 
 /// Merges every scene that has a complete set of partials and is neither done nor in quarantine; with `dry_run`, only
-/// lists these scenes. The receipts name `who` as the worker that merged, and the makers of the partials. The objects are in the store `elsewhere`, or in the run's folder if `elsewhere` is `None`.
+/// lists these scenes. The receipts name this process as the worker that merged, and the makers of the partials. The
+/// objects are in the store `elsewhere`, or in the run's folder if `elsewhere` is `None`.
 pub fn merge_run(
     run: &Run,
     elsewhere: Option<&Store>,

@@ -10,6 +10,7 @@ use clap::{Arg, CommandFactory};
 use glasshouse::cli::Args;
 use rayon::prelude::*;
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
@@ -78,9 +79,29 @@ fn assert_answered(ended: &Ended, line: &str) {
     assert!(answer.as_object().unwrap().len() > 1, "{line}: {ended:#?}");
 }
 
+/// Returns the longest example of each command, which usually has the most paths.
+fn longest_examples() -> Vec<String> {
+    let mut longest: BTreeMap<Vec<String>, String> = BTreeMap::new();
+    for line in all_examples().into_iter().filter(|line| !line.contains("--help")) {
+        let root = Args::command();
+        let (mut command, mut name) = (&root, Vec::new());
+        while let Some(inside) =
+            line.split(' ').nth(name.len()).and_then(|word| command.find_subcommand(word))
+        {
+            command = inside;
+            name.push(inside.get_name().to_owned());
+        }
+        let known = longest.entry(name).or_default();
+        if line.len() > known.len() {
+            *known = line;
+        }
+    }
+    longest.into_values().collect()
+}
+
 #[test]
 fn every_command_works_in_a_folder_whose_name_is_not_text() {
-    let mut tested: Vec<String> = all_examples()
+    let mut tested: Vec<String> = longest_examples()
         .into_par_iter()
         .map(|line| {
             let original = workplace();
@@ -105,8 +126,7 @@ fn every_command_works_in_a_folder_whose_name_is_not_text() {
             if instead(&line) == Some(DryRun) {
                 words.push("-n".into());
             }
-            let takes_json = !line.contains("--json") && !line.contains("--help");
-            words.extend(takes_json.then(|| "--json".into()));
+            words.extend((!line.contains("--json")).then(|| "--json".into()));
             let mut command = command(&words);
             command.current_dir(folder.path()).env("AWS_ENDPOINT_URL", "http://localhost:1");
             if is_parsed && line.starts_with("work") {
@@ -114,9 +134,7 @@ fn every_command_works_in_a_folder_whose_name_is_not_text() {
                 command.args(["--time-limit", "1s"]);
             }
             let ended: Ended = command.output().unwrap().into();
-            if !line.contains("--help") {
-                assert_answered(&ended, &line);
-            }
+            assert_answered(&ended, &line);
             let answer = ended.stdout.as_str();
             match ended.code {
                 Some(0 | 3) => {}
