@@ -147,6 +147,8 @@ impl AttemptRecord {
     pub(crate) fn end(mut self, store: &Store, ending: Ending) -> Result<Self, StoreError> {
         self.ended = Some(ending);
         store.replace(&self.key(), &json_line(&self))?;
+        // An ended attempt needs no sign of life.
+        let _ = store.delete(&[keys::sign(&self.scene, self.shards, self.n)]);
         Ok(self)
     }
 

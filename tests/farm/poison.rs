@@ -19,7 +19,9 @@ fn ids(run: &Path) -> Vec<String> {
 
 fn attempts(run: &Path, scene: &str) -> Vec<Value> {
     let folder = run.join("attempts").join(scene);
-    let records = files(&folder).into_iter();
+    // The other files are signs of life.
+    let records =
+        files(&folder).into_iter().filter(|path| path.extension() == Some("json".as_ref()));
     records.map(|path| read_json(folder.join(path))).collect()
 }
 
