@@ -1,4 +1,5 @@
-//! Faults that hold a command: a read that never returns, and a folder that moves away while the command works in it.
+//! Faults that hold a command: a stop at a call, and a folder that moves away meanwhile. (`tests/cli/reads.rs` tests reads
+//! that never return: a tracer that delays a call also delays the end of the process.)
 
 use super::disk::put_tree;
 use super::phase::{Phase, phases, scratch};
@@ -8,22 +9,6 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Instant;
 use tempfile::TempDir;
-
-/// Runs a command whose reads of `file` (relative to its folder) never return. It must end on its own.
-fn run_with_stalled_reads(folder: &Path, file: &Path, arguments: &[&str]) -> Output {
-    let path = folder.join(file);
-    let path = ["-P", path.to_str().unwrap()];
-    let inject = ["-e", "trace=read,pread64", "-e", "inject=read,pread64:delay_enter=1000000s"];
-    let options = [&path[..], &inject, &["-o", "/dev/null"]].concat();
-    ended(traced(&options, folder, arguments).stdout(Stdio::piped()).stderr(Stdio::piped()))
-}
-
-/// Starts a command and waits for its end.
-fn ended(command: &mut Command) -> Output {
-    let child = command.spawn().unwrap();
-    let watched = Watched::new(child);
-    watched.end()
-}
 
 /// Stops a command at the first of `calls` in a thread, calls `act`, and continues the command.
 fn run_and_act(folder: &Path, calls: &str, arguments: &[&str], act: impl FnOnce()) -> Output {
@@ -114,19 +99,4 @@ fn work_fails_if_its_folder_moves() {
     });
     assert_eq!(ended.status.code(), Some(1), "{ended:?}");
     assert!(!run.exists(), "the folder was made again");
-}
-
-#[test]
-fn a_time_limit_ends_a_command_whose_reads_never_return() {
-    if !can_trace() {
-        return;
-    }
-    let (folder, phase) = planned();
-    let photograph = phase
-        .reference
-        .keys()
-        .find(|path| path.ends_with("depth.npy") || path.to_str().unwrap().ends_with("_depth.npy"));
-    let arguments = ["work", "run", "-j", "1", "--time-limit", "1"];
-    let ended = run_with_stalled_reads(folder.path(), photograph.unwrap(), &arguments);
-    assert!(matches!(ended.status.code(), Some(1 | 75)), "{ended:?}");
 }
