@@ -2,15 +2,33 @@
 
 use super::exit_code::{Exit, Failure, failure};
 use super::store_env::{inputs, store_options};
-use crate::run::{Run, keys};
+use crate::run::{Run, RunError, keys};
 use crate::store::Store;
 use bytes::Bytes;
 use render::line::Roots;
 use render::shard::{Spec, manifest_digest};
 use std::path::Path;
 
-/// Opens a run and its store: `address`, or the run's folder.
+/// Opens a run to make tuples, and its store: `address`, or the run's folder.
+pub(super) fn open_to_work(
+    folder: &Path,
+    address: Option<&str>,
+    roots: &Roots,
+) -> Result<(Run, Store), Failure> {
+    open_by(Run::open, folder, address, roots)
+}
+
+/// Opens a run to read its tuples, and its store: `address`, or the run's folder.
 pub(super) fn open(
+    folder: &Path,
+    address: Option<&str>,
+    roots: &Roots,
+) -> Result<(Run, Store), Failure> {
+    open_by(Run::open_to_read, folder, address, roots)
+}
+
+fn open_by(
+    open: fn(&Path, &Roots) -> Result<Run, RunError>,
     folder: &Path,
     address: Option<&str>,
     roots: &Roots,
@@ -19,7 +37,7 @@ pub(super) fn open(
     if let Some(store) = &elsewhere {
         fetch(folder, store)?;
     }
-    let mut run = Run::open(folder, roots)?;
+    let mut run = open(folder, roots)?;
     run.inputs = inputs();
     if let Some(store) = &elsewhere {
         check(&run, store)?;

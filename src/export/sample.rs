@@ -10,7 +10,7 @@ use render::formats::encode_parts_exr;
 use render::layer::Layer;
 use render::line::{ExrPrecision, SceneLine, Split};
 use render::merge::{
-    TupleRecord, check_png, decode_tuple_exr, encode_png16, is_record_of, tuple_files,
+    TupleRecord, check_png, decode_tuple_exr, encode_png16, is_readable_record_of, tuple_files,
 };
 use std::collections::BTreeMap;
 
@@ -67,7 +67,7 @@ pub(super) fn sample(
 ) -> Result<Sample, ExportError> {
     let mut tuple = read(store, line, encoding)?;
     let json = tuple.take(line, "tuple.json")?;
-    if !is_record_of(&json, line) {
+    if !is_readable_record_of(&json, line) {
         return Err(damaged(line, "tuple.json", &"it belongs to another plan or version"));
     }
     let record: TupleRecord =

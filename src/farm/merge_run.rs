@@ -50,7 +50,7 @@ pub fn merge_run(
     let mut outcome = MergeOutcome::default();
     for line in &run.lines {
         on_scene();
-        if is_done(&store, line)? {
+        if is_done(run, &store, line)? {
             outcome.already_merged += 1;
             continue;
         }

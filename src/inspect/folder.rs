@@ -125,7 +125,7 @@ fn stage(folder: &Path, steps: &[(String, PathBuf)]) -> Inspection {
 
 fn run(folder: &Path) -> Inspection {
     let mut found = Inspection::new(Kind::Run);
-    let run = match Run::open(folder, &Roots::default()) {
+    let run = match Run::open_to_read(folder, &Roots::default()) {
         Ok(run) => run,
         Err(error) => {
             // The error's text ends with the remedy.

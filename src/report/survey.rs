@@ -97,16 +97,16 @@ fn facts(
     }))
 }
 
-/// Parses `tuple.json` and checks that it belongs to the line and to this version of the tracer.
+/// Parses `tuple.json` and checks that it belongs to the line and to this or an older version of the tracer.
 pub(super) fn parse(line: &SceneLine, bytes: &[u8]) -> Result<TupleRecord, String> {
     let record: TupleRecord =
         serde_json::from_slice(bytes).map_err(|e| format!("tuple.json cannot be read: {e}"))?;
     if record.scene != *line {
         return Err("tuple.json belongs to another plan".to_owned());
     }
-    if record.tracer_version != TRACER_VERSION {
+    if record.tracer_version > TRACER_VERSION {
         return Err(format!(
-            "tuple.json has tracer version {}, but the run has {TRACER_VERSION}",
+            "tuple.json has tracer version {}, but this program has {TRACER_VERSION}",
             record.tracer_version
         ));
     }

@@ -111,7 +111,7 @@ pub(crate) fn explain(
             |e| serde_json::json!({ "reason": format!("the record is damaged: {e}") }),
         )
     });
-    let state = if is_done(store, line)? {
+    let state = if is_done(run, store, line)? {
         SceneState::Done
     } else {
         SceneState::of_unfinished(

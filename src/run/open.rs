@@ -22,8 +22,23 @@ pub struct Run {
 }
 
 impl Run {
-    /// Opens a planned run. `given` roots override the spec's.
+    /// Opens a planned run to make tuples. `given` roots override the spec's.
     pub fn open(root: &Path, given: &Roots) -> Result<Self, RunError> {
+        let run = Self::open_to_read(root, given)?;
+        if run.spec.tracer_version == TRACER_VERSION {
+            return Ok(run);
+        }
+        Err(Self::other_version(root, run.spec.tracer_version))
+    }
+
+    fn other_version(root: &Path, version: u32) -> RunError {
+        let reason =
+            format!("tracer_version is {version} in the run and {TRACER_VERSION} in this program");
+        RunError::Disagrees { root: root.to_owned(), reason }
+    }
+
+    /// Opens a planned run to read its tuples, which an older version of the tracer may have made.
+    pub fn open_to_read(root: &Path, given: &Roots) -> Result<Self, RunError> {
         let damaged = |reason: String| RunError::Spec { path: root.join(keys::SPEC), reason };
         let text = read(root, keys::SPEC)?;
         let spec: Spec = serde_json::from_str(&text).map_err(|e| damaged(e.to_string()))?;
@@ -41,11 +56,8 @@ impl Run {
                 spec.schema
             ));
         }
-        if spec.tracer_version != TRACER_VERSION {
-            return disagrees(format!(
-                "tracer_version is {} in the run and {TRACER_VERSION} in this program",
-                spec.tracer_version
-            ));
+        if spec.tracer_version > TRACER_VERSION {
+            return Err(Self::other_version(root, spec.tracer_version));
         }
         if spec.manifest_blake3 != manifest_digest(&manifest) {
             return disagrees("manifest.jsonl does not have the digest in spec.json".to_owned());

@@ -8,7 +8,7 @@ use image::{Rgb32FImage, imageops};
 use plan::{InputFiles, PixelSource};
 use render::ids::SceneId;
 use render::line::{Roots, SceneLine};
-use render::merge::{TupleRecord, decode_tuple_exr, is_record_of};
+use render::merge::{TupleRecord, decode_tuple_exr, is_readable_record_of};
 use render::scene::{Decoded, decode, read_files_by};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -84,7 +84,7 @@ impl TupleSource {
         let Some(json) = self.files.get(&line.id, "tuple.json")? else {
             return Ok(None);
         };
-        if !is_record_of(&json, line) {
+        if !is_readable_record_of(&json, line) {
             // The record is damaged or belongs to another plan or version; the farm replaces the tuple.
             return Ok(None);
         }

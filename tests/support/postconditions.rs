@@ -53,9 +53,9 @@ impl Call {
         match self.arguments.first().and_then(|name| name.to_str()) {
             Some("plan") => drop(self.planned()),
             Some("run") => self.check_done(&self.planned()),
-            Some("work" | "merge" | "coordinate")
-                if !self.has("--only") && !self.has("--store") =>
-            {
+            // A worker of a queue ends with 0 when its run is over, even if scenes are in quarantine.
+            Some("work") if self.has("--only") || self.has("--queue") => {}
+            Some("work" | "merge" | "coordinate") if !self.has("--store") => {
                 self.check_done(&open(&self.at(1)));
             }
             Some("render") => self.check_rendered(),

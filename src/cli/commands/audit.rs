@@ -43,7 +43,7 @@ pub(super) struct AuditArgs {
 
 pub(super) fn run(args: &AuditArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     let roots = Roots::parse(&args.roots.roots)?;
-    let (run, store) = target::open(&args.run, args.store.store.as_deref(), &roots)?;
+    let (run, store) = target::open_to_work(&args.run, args.store.store.as_deref(), &roots)?;
     let (places, seed) = places(args, &run, &store)?;
     if places.is_empty() {
         return Err(failure!(

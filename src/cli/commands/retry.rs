@@ -33,7 +33,8 @@ pub(super) struct RetryArgs {
 const SHOWN: usize = 20;
 
 pub(super) fn run(args: &RetryArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
-    let (run, store) = target::open(&args.run, args.store.store.as_deref(), &Roots::default())?;
+    let (run, store) =
+        target::open_to_work(&args.run, args.store.store.as_deref(), &Roots::default())?;
     let manifest: Vec<_> = run.lines.iter().map(|line| line.id.clone()).collect();
     let which = if args.all {
         RetryScenes::All

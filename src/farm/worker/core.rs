@@ -171,7 +171,7 @@ impl<'a> Worker<'a> {
 
     /// True if another worker has made the scene's tuple, for example while this one slept. If so, ends the task.
     pub(super) fn is_done_elsewhere(&self, task: &ActiveTask<'a>) -> Result<bool, FarmError> {
-        if self.shared_queue.is_none() || !is_done(self.store, task.job.line)? {
+        if self.shared_queue.is_none() || !is_done(self.run, self.store, task.job.line)? {
             return Ok(false);
         }
         let actions = self.tasks().done_elsewhere(task.id);

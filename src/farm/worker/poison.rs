@@ -37,7 +37,8 @@ impl Worker<'_> {
     ) -> Result<Finding, FarmError> {
         let (store, leased) = (self.store, &lease.message.task);
         if self.shared_queue.is_some()
-            && (is_done(store, line)? || QuarantineRecord::get(store, &line.id)?.is_some())
+            && (is_done(self.run, store, line)?
+                || QuarantineRecord::get(store, &line.id)?.is_some())
         {
             let actions = self.tasks().nothing_to_do(task);
             self.perform(actions)?;

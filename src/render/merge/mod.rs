@@ -30,6 +30,6 @@ pub use read::{check_png, decode_tuple_exr};
 pub use tuple::{LayerRecord, TUPLE_SCHEMA, TUPLE_SCHEMA_1, Tuple, TupleRecord};
 pub use write::{
     TupleWriteError, encode_png, encode_png16, encode_tuple, encode_tuple_exr, encode_tuple_image,
-    encode_tuple_record, encode_tuple_record_1, is_record_of, is_written, tuple_files,
-    tuple_images, write_tuple,
+    encode_tuple_record, encode_tuple_record_1, is_readable_record_of, is_record_of, is_written,
+    tuple_files, tuple_images, write_tuple,
 };

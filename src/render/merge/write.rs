@@ -47,14 +47,19 @@ pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
     let Ok(text) = crate::input_file::read_to_string(&folder.join(RECORD)) else {
         return false;
     };
-    is_record_of(text.as_bytes(), line)
+    is_record_of(text.as_bytes(), line, TRACER_VERSION)
         && tuple_files(line).iter().all(|name| folder.join(name).is_file())
 }
 
 /// True if the bytes are the `tuple.json` of this scene line, made by this version of the tracer.
-pub fn is_record_of(bytes: &[u8], line: &SceneLine) -> bool {
+pub fn is_record_of(bytes: &[u8], line: &SceneLine, tracer_version: u32) -> bool {
     let record: Result<TupleRecord, _> = serde_json::from_slice(bytes);
-    record.is_ok_and(|r| r.scene == *line && r.tracer_version == TRACER_VERSION && r.is_complete())
+    record.is_ok_and(|r| r.scene == *line && r.tracer_version == tracer_version && r.is_complete())
+}
+
+/// True if the bytes are the `tuple.json` of this scene line, made by this or an older version of the tracer.
+pub fn is_readable_record_of(bytes: &[u8], line: &SceneLine) -> bool {
+    (1..=TRACER_VERSION).any(|version| is_record_of(bytes, line, version))
 }
 
 /// Writes the tuple's files into `folder`, durably.

@@ -39,7 +39,7 @@ impl Snapshot {
         for (index, line) in run.lines.iter().enumerate() {
             let Scene { is_done, receipt, .. } = self.scenes[index];
             if let (false, Some(put)) = (is_done, receipt)
-                && done::is_done(store, line)?
+                && done::is_done(run, store, line)?
             {
                 self.add_tuple(index, put);
             }
@@ -72,7 +72,9 @@ impl Snapshot {
             let mut is_ours = Vec::new();
             store.for_each(&records, |at, bytes| {
                 let line = &run.lines[new[at].0];
-                is_ours.push(bytes.is_some_and(|bytes| is_record_of(&bytes, line)));
+                is_ours.push(
+                    bytes.is_some_and(|bytes| is_record_of(&bytes, line, run.spec.tracer_version)),
+                );
             })?;
             let mut is_ours = is_ours.into_iter();
             new.retain(|_| is_ours.next().unwrap_or(false));
