@@ -6,7 +6,6 @@
 use crate::support::outputs::files;
 use crate::support::program::{run, text};
 use render::merge::{TupleRecord, encode_tuple_record_1};
-use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
