@@ -122,7 +122,7 @@ mod tests {
         let mut learner = Learner::new(stage, settings, Some(vgg(settings)), &Device::Cpu).unwrap();
         learner.generator_adam.steps = 3;
         if let Some(adam) = &mut learner.discriminator_adam {
-            adam.steps = 3;
+            adam.steps = 3u64.div_ceil(settings.discriminator_every);
         }
         let origin = Origin {
             vgg_blake3: None,

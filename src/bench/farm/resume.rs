@@ -123,7 +123,13 @@ fn measure_alone(
     worker.wait_until_it_says(SCENE_LOADED)?;
     times[1].push(worker.age().as_secs_f64());
     worker.kill();
+    forget_attempts(folder);
     Ok(())
+}
+
+/// Removes the killed worker's records, because of which the next worker would trace their scenes in a child process.
+fn forget_attempts(folder: &Path) {
+    let _ = std::fs::remove_dir_all(folder.join(crate::run::keys::ATTEMPTS));
 }
 
 fn measure_on_queue(
@@ -158,8 +164,7 @@ fn measure_on_queue(
     times[3].push(worker.age().as_secs_f64());
     worker.kill();
     coordinator.terminate()?;
-    // Because of the killed worker's attempt record, the next worker would assume that the scene causes crashes.
-    let _ = std::fs::remove_dir_all(folder.join(crate::run::keys::ATTEMPTS));
+    forget_attempts(folder);
     queue.remove()?;
     Ok(())
 }
