@@ -9,6 +9,10 @@
 //! nor its sign was put for more than two leases, by the store's clock. A task with a record of another worker is only
 //! *suspect*: a child process traces it. After four losses without new partials, its scene goes into quarantine; an
 //! attempt of which it is unknown whether it is lost counts, too, but only one.
+//!
+//! A death that a parent has seen is certain. Silence is a presumption, because a worker may only be slow: a process
+//! counts once, however many tasks it had, a later sign of life takes the presumption back, and a worker that would
+//! condemn a scene on presumptions first waits for two more leases and looks again.
 
 use super::json_line;
 use super::keys;
@@ -18,6 +22,7 @@ use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::sync::OnceLock;
 use std::time::{Duration, SystemTime};
 
 /// Schema of an [`AttemptRecord`].
@@ -41,6 +46,8 @@ pub struct AttemptRecord {
     /// Number of the attempt at these shards, from 1.
     pub n: u32,
     pub worker: String,
+    /// Time at which the worker's process began, in microseconds since 1970: processes may have the same name.
+    pub started_us: u64,
     pub host: String,
     /// Number of the shards that had a partial before the attempt.
     pub found: u32,
@@ -101,6 +108,7 @@ impl AttemptRecord {
             shards: [task.shards.start, task.shards.end],
             n: 1,
             worker: worker.worker.clone(),
+            started_us: started_us(),
             host: worker.host.clone(),
             found,
             ended: None,
@@ -186,8 +194,28 @@ impl AttemptRecord {
     }
 }
 
-/// An attempt's record, and the time of the worker's last sign of life, by the store's clock.
-pub(crate) type Signed = (AttemptRecord, SystemTime);
+/// An attempt's record with the times of its file and of the worker's last sign of life, by the store's clock.
+#[derive(Clone, Debug)]
+pub(crate) struct Signed {
+    pub(crate) record: AttemptRecord,
+    pub(crate) put: SystemTime,
+    sign: Option<SystemTime>,
+}
+
+impl Signed {
+    pub(crate) fn last(&self) -> SystemTime {
+        self.sign.map_or(self.put, |sign| sign.max(self.put))
+    }
+}
+
+/// Returns the time of this process's first call, in microseconds since 1970.
+fn started_us() -> u64 {
+    static STARTED: OnceLock<u64> = OnceLock::new();
+    *STARTED.get_or_init(|| {
+        let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        since.as_micros() as u64
+    })
+}
 
 /// Puts the sign of life of an attempt. Ignores a failure: the next sign follows.
 pub(crate) fn sign(store: &Store, scene: &SceneId, task: &Task, n: u32, worker: &str) {
@@ -219,10 +247,10 @@ pub(crate) fn evidence(store: &Store, scene: &SceneId) -> Result<u64, StoreError
 /// Returns a scene's records, sorted by shards and number.
 pub fn attempts(store: &Store, scene: &SceneId) -> Result<Vec<AttemptRecord>, StoreError> {
     let records = attempts_with_times(store, scene)?.into_iter();
-    Ok(records.map(|(record, _)| record).collect())
+    Ok(records.map(|signed| signed.record).collect())
 }
 
-/// Like [`attempts`], with the times of the workers' last signs of life.
+/// Like [`attempts`], with the times of the files.
 pub(crate) fn attempts_with_times(
     store: &Store,
     scene: &SceneId,
@@ -231,25 +259,23 @@ pub(crate) fn attempts_with_times(
     let is_sign = |key: &str| Path::new(key).extension().is_some_and(|e| e == "sign");
     let signs: BTreeMap<String, SystemTime> =
         listed.iter().filter(|(key, _)| is_sign(key)).cloned().collect();
-    let last = |(key, put): (String, SystemTime)| {
-        let sign =
-            keys::attempt_of(&key).and_then(|(shards, n)| signs.get(&keys::sign(scene, shards, n)));
-        let last = sign.map_or(put, |sign| put.max(*sign));
-        (key, last)
-    };
     let records = listed.into_iter().filter(|(key, _)| keys::attempt_of(key).is_some());
-    let (keys, times): (Vec<String>, Vec<SystemTime>) = records.map(last).unzip();
+    let (keys, times): (Vec<String>, Vec<SystemTime>) = records.unzip();
     let mut records = Vec::new();
     store.for_each(&keys, |index, bytes| {
         let record = bytes.and_then(|bytes| AttemptRecord::parse(scene, &keys[index], &bytes));
-        records.extend(record.map(|record| (record, times[index])));
+        records.extend(record.map(|record| {
+            let sign = signs.get(&keys::sign(scene, record.shards, record.n)).copied();
+            Signed { record, put: times[index], sign }
+        }));
     })?;
-    records.sort_by_key(|(record, _)| (record.shards, record.n));
+    records.sort_by_key(|signed| (signed.record.shards, signed.record.n));
     Ok(records)
 }
 
-/// Marks the earlier attempts at a task as lost whose workers gave no sign of life for more than `silence` before `now`,
-/// by the store's clock. A worker that was only slow removes its record when its task ends.
+/// Marks the attempts at a task as lost whose workers gave no sign of life for more than `silence` before `now`, by the
+/// store's clock, and returns all records. An attempt with a mark and a later sign of life counts as open: its worker was
+/// only slow, and removes the record when its task ends.
 pub(crate) fn mark_lost(
     store: &Store,
     records: Vec<Signed>,
@@ -257,9 +283,20 @@ pub(crate) fn mark_lost(
     now: SystemTime,
     silence: Duration,
 ) -> Result<Vec<AttemptRecord>, StoreError> {
-    let mark = |(record, last): Signed| {
-        let is_silent = now.duration_since(last).is_ok_and(|silent| silent >= silence);
-        if record.ended.is_some() || !record.is_of(task) || !is_silent {
+    let mark = |signed: Signed| {
+        let is_silent = now.duration_since(signed.last()).is_ok_and(|silent| silent >= silence);
+        let (mut record, is_signed) = (signed.record, signed.sign.is_some());
+        let may_live = match record.end_kind() {
+            None => true,
+            // Marking removes the sign, so a sign is later than the mark.
+            Some(EndKind::Lost) => is_signed,
+            Some(_) => false,
+        };
+        if !may_live {
+            return Ok(record);
+        }
+        if !is_silent || !record.is_of(task) {
+            record.ended = None;
             return Ok(record);
         }
         let reason = format!("worker {} was lost with the task", record.worker);
@@ -271,7 +308,14 @@ pub(crate) fn mark_lost(
 /// Judges a task by the records of its scene; `found` shards of the task have partials. The records must not include one
 /// of the worker that asks.
 pub(crate) fn poison_check(records: &[AttemptRecord], task: &Task, found: u32) -> PoisonCheck {
-    let lost: Vec<&AttemptRecord> = records.iter().filter(|record| record.was_lost(task)).collect();
+    let mut silent = BTreeSet::new();
+    // A process is lost once, whatever number of tasks messages have given to it.
+    let mut lost: Vec<&AttemptRecord> =
+        records.iter().filter(|record| record.was_lost(task)).collect();
+    lost.retain(|record| {
+        record.end_kind() != Some(EndKind::Lost)
+            || silent.insert((&record.worker, record.started_us))
+    });
     // The workers of open records may live or not, and messages could make any number of them. They count as one, and
     // only beside deaths that parents have seen.
     let is_open = records.iter().any(|record| record.ended.is_none() && record.is_of(task));
@@ -301,6 +345,11 @@ pub(crate) fn poison_check(records: &[AttemptRecord], task: &Task, found: u32) -
         task.shards.start,
         task.shards.end - 1
     ))
+}
+
+/// True if some of the attempts only count as lost because their workers were silent.
+pub(crate) fn are_presumed(records: &[AttemptRecord]) -> bool {
+    records.iter().any(|record| record.end_kind() == Some(EndKind::Lost))
 }
 
 /// True if attempts on two machines, or `MOST_LOST` attempts, have failed to read the scene's files.
@@ -363,19 +412,27 @@ mod tests {
         let silence = Duration::from_secs(4);
         let marked = |task, after_s| {
             let there = attempts_with_times(&store, &scene()).unwrap();
-            let now = there[0].1 + Duration::from_secs(after_s);
+            let now = there[0].last() + Duration::from_secs(after_s);
             mark_lost(&store, there, task, now, silence).unwrap()
         };
         assert_eq!(marked(&TAIL, 9), [running.clone()]);
         assert_eq!(marked(&TASK, 3), [running.clone()]);
         // A sign of life is later than the record.
-        let put = attempts_with_times(&store, &scene()).unwrap()[0].1;
+        let last = || attempts_with_times(&store, &scene()).unwrap()[0].last();
+        let put = last();
         std::thread::sleep(Duration::from_millis(20));
         sign(&store, &scene(), &TASK, 1, "w1");
-        assert!(attempts_with_times(&store, &scene()).unwrap()[0].1 > put);
+        assert!(last() > put);
         let lost = marked(&TASK, 4);
         assert_eq!(lost[0].ended.as_ref().unwrap().kind, EndKind::Lost);
         assert_eq!(attempts(&store, &scene()).unwrap(), lost);
+        // Nothing but a new sign of life takes the mark back.
+        assert_eq!(marked(&TASK, 0), lost);
+        std::thread::sleep(Duration::from_millis(20));
+        sign(&store, &scene(), &TASK, 1, "w1");
+        assert_eq!(marked(&TASK, 3), [running.clone()]);
+        assert_eq!(marked(&TASK, 4), lost);
+        assert_eq!(marked(&TASK, 0), lost);
         // The worker was only slow, so it removes its record.
         running.forget(&store);
         assert!(store.list("attempts").unwrap().is_empty());
@@ -430,6 +487,22 @@ mod tests {
         }
         stuck.push(record(4, 40, CRASHED));
         assert!(matches!(poison_check(&stuck, &TASK, 40), PoisonCheck::Poison(_)));
+    }
+
+    /// Messages may give many tasks to one slow process.
+    #[test]
+    fn a_silent_process_counts_once() {
+        let mut of_one: Vec<AttemptRecord> = (1..9).map(|n| record(n, 0, LOST)).collect();
+        assert!(matches!(poison_check(&of_one, &TASK, 0), PoisonCheck::Poison(_)));
+        for record in &mut of_one {
+            "w1".clone_into(&mut record.worker);
+        }
+        assert_eq!(poison_check(&of_one, &TASK, 0), PoisonCheck::Suspect);
+        // Processes that a launch file starts again under the same name.
+        for (k, record) in of_one.iter_mut().enumerate() {
+            record.started_us += k as u64;
+        }
+        assert!(matches!(poison_check(&of_one, &TASK, 0), PoisonCheck::Poison(_)));
     }
 
     #[test]

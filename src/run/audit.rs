@@ -160,10 +160,9 @@ pub(crate) fn audit_scene(
     let is_older = record.is_some_and(|record| record.schema == TUPLE_SCHEMA_1);
     let made = Made::new(run, line, &partials, is_older)?;
     for (key, stored) in there.iter().zip(store.get_all(&there)?) {
-        let (Some(made), Some(stored)) = (made.file(key)?, stored) else {
-            // The file is unknown, or was removed meanwhile.
-            continue;
-        };
+        // A file without content was removed meanwhile.
+        let Some(stored) = stored else { continue };
+        let Some(made) = made.file(key, &stored)? else { continue };
         audit.files += 1;
         audit.differences.extend(compare(key, &made, &stored));
     }
@@ -211,12 +210,14 @@ impl<'p> Made<'p> {
         Ok(Self { partials, tuple: files })
     }
 
-    /// Returns the file under `key`, or `None` if the scene has no such file.
-    fn file(&self, key: &str) -> Result<Option<Vec<u8>>, AccessError> {
+    /// Returns the file under `key`, or `None` if the scene has no such file. A partial names the maker of the `stored`
+    /// one, because every worker may make it.
+    fn file(&self, key: &str, stored: &[u8]) -> Result<Option<Vec<u8>>, AccessError> {
         if key.starts_with(keys::PARTIALS) {
             let shard = keys::shard_of(key);
             let found = shard.and_then(|s| self.partials.iter().find(|p| p.header.shard == s));
-            let bytes = found.map(partial::encode).transpose();
+            let maker = partial::decode(Path::new(key), stored).ok().and_then(|p| p.maker);
+            let bytes = found.map(|p| partial::encode_by(p, maker.as_ref())).transpose();
             return bytes.map_err(|e| AccessError::Tuple(format!("cannot encode {key}: {e}")));
         }
         let name = key.rsplit('/').next().unwrap_or(key);

@@ -99,7 +99,7 @@ pub(crate) fn explain(
     let age_s = |put: SystemTime| put.elapsed().unwrap_or_default().as_secs_f64();
     let attempts = attempts_with_times(store, scene)?.into_iter();
     let attempts: Vec<StandingAttempt> =
-        attempts.map(|(note, put)| StandingAttempt { note, age_s: age_s(put) }).collect();
+        attempts.map(|a| StandingAttempt { age_s: age_s(a.last()), note: a.record }).collect();
     let partials: BTreeSet<u32> = store
         .list(&keys::partials(scene))?
         .iter()

@@ -35,8 +35,8 @@ pub use attempts::{
     ATTEMPT_SCHEMA, AttemptRecord, EndKind, Ending, MOST_LOST, WorkerName, attempts,
 };
 pub(crate) use attempts::{
-    PoisonCheck, attempts_with_times, evidence, forget, is_unreadable, mark_lost, poison_check,
-    sign,
+    PoisonCheck, Signed, are_presumed, attempts_with_times, evidence, forget, is_unreadable,
+    mark_lost, poison_check, sign,
 };
 pub(crate) use audit::{
     AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes,

@@ -6,7 +6,7 @@ use crate::support::outputs::manifest;
 use crate::support::program::{run, text};
 use crate::support::scenes::{Place, SCENES, partials, place, put_partials};
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, WritableImage, f16, read};
-use render::partial::Partial;
+use render::partial::{Maker, Partial};
 use serde_json::json;
 use std::path::Path;
 
@@ -100,6 +100,8 @@ fn partials_are_compared_unless_inputs_have_changed() {
     pixels[7].mean[0][0] += 1.0;
     // This partial has a valid digest and a wrong pixel.
     made[1] = Partial::new(header, pixels);
+    // Any worker may have made an equal partial.
+    made[2].maker = Some(Maker { worker: "another-1".to_owned(), host: "another".to_owned() });
     put_partials(&place.run, &id, &made);
     let found = run(&["audit", folder, "--scene", &id, "--json"]).expect(1).json();
     let differences = found["scenes"][0]["differences"].as_array().unwrap();

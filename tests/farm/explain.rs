@@ -60,7 +60,7 @@ fn attempts_and_quarantine_are_shown_with_their_logs() {
     std::fs::create_dir_all(&folder).unwrap();
     let attempt = |n: u32, worker: &str, ended: Value| {
         let record = json!({"schema": "glasshouse.attempt/1", "scene": "train-sample-000000", "shards": [0, 12], "n": n,
-            "worker": worker, "host": "h", "found": 0, "ended": ended});
+            "worker": worker, "started_us": 0, "host": "h", "found": 0, "ended": ended});
         std::fs::write(folder.join(format!("0-12.{n}.json")), record.to_string()).unwrap();
     };
     let crash = json!({"kind": "crashed", "reason": "signal 6", "log_tail": "assertion failed\nlast words"});

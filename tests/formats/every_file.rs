@@ -151,6 +151,7 @@ fn of_a_farm(files: &mut Files) {
         shards: [0, 4],
         n: 2,
         worker: "w-1".to_owned(),
+        started_us: 1_700_000_000_000_000,
         host: "h".to_owned(),
         found: 0,
         ended: Some(Ending {

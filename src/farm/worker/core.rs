@@ -62,6 +62,19 @@ impl<'a> Worker<'a> {
         }
     }
 
+    /// Like [`pause`](Self::pause), for a task that does not count as hung meanwhile.
+    pub(super) fn pause_with(&self, task: TaskId, time: Duration) {
+        let end = Instant::now() + time;
+        loop {
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() || self.must_stop() {
+                return;
+            }
+            self.pause(left.min(Duration::from_secs(1)));
+            self.progress(task);
+        }
+    }
+
     pub(super) fn costs(&self) -> Costs {
         self.tally.costs(self.options.threads)
     }

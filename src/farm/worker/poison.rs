@@ -6,8 +6,8 @@ use super::tasks::TaskId;
 use crate::farm::FarmError;
 use crate::farm::queue::Lease;
 use crate::run::{
-    AttemptRecord, EndKind, Ending, PoisonCheck, QuarantineRecord, attempts, attempts_with_times,
-    is_done, is_unreadable, keys, mark_lost, poison_check,
+    AttemptRecord, EndKind, Ending, PoisonCheck, QuarantineRecord, Signed, Task, are_presumed,
+    attempts, attempts_with_times, is_done, is_unreadable, keys, mark_lost, poison_check,
 };
 use render::line::SceneLine;
 use std::time::{Duration, SystemTime};
@@ -54,10 +54,7 @@ impl Worker<'_> {
         }
         let host = &self.options.who.host;
         let tried_here = earlier.iter().filter(|r| r.could_not_read(host));
-        for _ in 0..tried_here.count() {
-            self.pause(READ_AGAIN);
-            self.progress(task);
-        }
+        self.pause_with(task, READ_AGAIN * tried_here.count() as u32);
         let mut record = AttemptRecord::new(&line.id, leased, &self.options.who, found);
         record.begin(store, &earlier)?;
         if !self.tasks().attempted(task, record.n) {
@@ -67,8 +64,7 @@ impl Worker<'_> {
         if earlier.is_empty() {
             return Ok(Finding::Fresh(Some(record)));
         }
-        let records = self.judged(task, lease, &record)?;
-        Ok(match poison_check(&records, leased, found) {
+        Ok(match self.judge(task, leased, &record)? {
             PoisonCheck::Poison(reason) => {
                 record.forget(store);
                 let actions = self.tasks().set_aside(task, &reason);
@@ -80,29 +76,52 @@ impl Worker<'_> {
         })
     }
 
-    /// Returns the records of other attempts at the task's scene, the lost ones marked. The worker's own record, which is
-    /// in the store, shows the time by the store's clock. Without a shared queue, no other process lives.
-    fn judged(
+    /// Judges a task by the records in the store. `own` is this worker's record of the attempt, which counts only if it has
+    /// ended.
+    pub(super) fn judge(
         &self,
-        task: TaskId,
-        lease: &Lease,
+        id: TaskId,
+        task: &Task,
         own: &AttemptRecord,
-    ) -> Result<Vec<AttemptRecord>, FarmError> {
-        let leased = &lease.message.task;
-        let mut records = attempts_with_times(self.store, &own.scene)?;
-        let is_own = |r: &AttemptRecord| (r.shards, r.n) == (own.shards, own.n);
-        let now = records.iter().find(|(record, _)| is_own(record)).map(|(_, put)| *put);
-        let me = &self.options.who.worker;
-        // This worker may hold another message of the same task, but an earlier process may have had its name.
-        let holds_another = self.tasks().holds_another(task);
-        records.retain(|(r, _)| {
-            let is_of_other_message = holds_another && r.ended.is_none() && r.worker == *me;
-            !is_own(r) && !is_of_other_message
-        });
+    ) -> Result<PoisonCheck, FarmError> {
         let silence =
             self.shared_queue.map_or(Duration::ZERO, |shared| shared.lease * SILENT_LEASES);
+        let records = self.records(id, task, own, silence)?;
+        let check = poison_check(&records, task, own.found);
+        if silence.is_zero() || !are_presumed(&records) || !matches!(check, PoisonCheck::Poison(_))
+        {
+            return Ok(check);
+        }
+        // The store or the machines may have been too busy for signs of life. Those that live give one meanwhile.
+        self.pause_with(id, silence);
+        if self.must_stop() {
+            return Ok(PoisonCheck::Suspect);
+        }
+        Ok(poison_check(&self.records(id, task, own, silence)?, task, own.found))
+    }
+
+    /// Returns the records of attempts at the task's scene, the lost ones marked. The worker's own record, which is in the
+    /// store, shows the time by the store's clock. Without a shared queue, no other process lives.
+    fn records(
+        &self,
+        id: TaskId,
+        task: &Task,
+        own: &AttemptRecord,
+        silence: Duration,
+    ) -> Result<Vec<AttemptRecord>, FarmError> {
+        let mut records = attempts_with_times(self.store, &own.scene)?;
+        let is_own = |r: &AttemptRecord| (r.shards, r.n) == (own.shards, own.n);
+        let now = records.iter().find(|signed| is_own(&signed.record)).map(|signed| signed.put);
+        let me = &self.options.who.worker;
+        // This worker may hold another message of the same task, but an earlier process may have had its name.
+        let holds_another = self.tasks().holds_another(id);
+        records.retain(|Signed { record, .. }| {
+            let is_of_other_message =
+                holds_another && record.ended.is_none() && record.worker == *me;
+            (!is_own(record) || own.ended.is_some()) && !is_of_other_message
+        });
         let now = now.unwrap_or_else(SystemTime::now);
-        Ok(mark_lost(self.store, records, leased, now, silence)?)
+        Ok(mark_lost(self.store, records, task, now, silence)?)
     }
 
     fn found(&self, line: &SceneLine, lease: &Lease) -> Result<u32, FarmError> {

@@ -4,7 +4,7 @@ use super::core::Worker;
 use super::options::{Sandbox, SandboxEnd};
 use super::tasks::TaskId;
 use crate::farm::FarmError;
-use crate::run::{AttemptRecord, Ending, Event, PoisonCheck, Task, attempts, poison_check};
+use crate::run::{AttemptRecord, Ending, Event, PoisonCheck, Task};
 use render::line::SceneLine;
 
 impl Worker<'_> {
@@ -63,9 +63,8 @@ impl Worker<'_> {
         ending: Ending,
     ) -> Result<(), FarmError> {
         (self.on_event)(Event::ChildLost { scene: line.id.clone(), reason: ending.reason.clone() });
-        let found = record.found;
-        record.end(self.store, ending)?;
-        let actions = match poison_check(&attempts(self.store, &line.id)?, task, found) {
+        let record = record.end(self.store, ending)?;
+        let actions = match self.judge(id, task, &record)? {
             PoisonCheck::Poison(reason) => self.tasks().set_aside(id, &reason),
             PoisonCheck::Clean | PoisonCheck::Suspect => self.tasks().retry(id),
         };

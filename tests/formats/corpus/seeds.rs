@@ -258,11 +258,11 @@ fn farm() -> Vec<(&'static str, String, Vec<u8>)> {
     let records = [
         (
             "attempt.json",
-            r#"{"schema":"glasshouse.attempt/1","scene":"a","shards":[0,4],"n":1,"worker":"w","host":"h","found":0,"ended":null}"#,
+            r#"{"schema":"glasshouse.attempt/1","scene":"a","shards":[0,4],"n":1,"worker":"w","started_us":0,"host":"h","found":0,"ended":null}"#,
         ),
         (
             "ended.json",
-            r#"{"schema":"glasshouse.attempt/1","scene":"a","shards":[0,4],"n":1,"worker":"w","host":"h","found":2,"ended":{"kind":"crashed","reason":"signal 6","log_tail":"out of memory"}}"#,
+            r#"{"schema":"glasshouse.attempt/1","scene":"a","shards":[0,4],"n":1,"worker":"w","started_us":0,"host":"h","found":2,"ended":{"kind":"crashed","reason":"signal 6","log_tail":"out of memory"}}"#,
         ),
         ("control.json", r#"{"schema":"glasshouse.control/1","state":"paused","reason":"backup"}"#),
         (

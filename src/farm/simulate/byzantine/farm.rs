@@ -26,8 +26,15 @@ const KILLS: u32 = 3;
 pub(super) struct Store {
     pub(super) partials: BTreeSet<(u32, u32)>,
     pub(super) tuples: BTreeSet<u32>,
-    /// Records of attempts, and the times of the last signs of life.
-    pub(super) attempts: Vec<(AttemptRecord, Time)>,
+    pub(super) attempts: Vec<Attempt>,
+}
+
+pub(super) struct Attempt {
+    pub(super) record: AttemptRecord,
+    /// Time of the last sign of life.
+    pub(super) signed: Time,
+    /// Time at which another worker marked the attempt as lost.
+    pub(super) marked: Option<Time>,
 }
 
 impl Store {
@@ -38,8 +45,9 @@ impl Store {
     fn evidence(&self, scene: u32, id: &SceneId) -> u64 {
         let mut hasher = DefaultHasher::new();
         self.found(scene).len().hash(&mut hasher);
-        for (record, last) in self.attempts.iter().filter(|(record, _)| record.scene == *id) {
-            (record.shards, record.n, last).hash(&mut hasher);
+        for attempt in self.attempts.iter().filter(|attempt| attempt.record.scene == *id) {
+            let record = &attempt.record;
+            (record.shards, record.n, attempt.signed, attempt.marked).hash(&mut hasher);
         }
         hasher.finish()
     }
@@ -137,6 +145,11 @@ impl Farm {
                 self.workers[w].busy_until = self.now + 4 * LEASE;
             }
             9 => self.pass(LEASE / 2),
+            10 => {
+                // A busy machine or store. Silence is noticed after two leases, and ends before two more.
+                self.note(|| format!("the lease keeper of worker {w} sleeps"));
+                self.workers[w].sleeps_until = self.now + LEASE * 7 / 2;
+            }
             _ => self.work(w)?,
         }
         self.pass(Time::from_millis(1));
@@ -149,7 +162,7 @@ impl Farm {
         let end = self.now + time;
         while self.now < end {
             self.now += step;
-            for worker in &mut self.workers {
+            for worker in self.workers.iter_mut().filter(|w| w.sleeps_until <= self.now) {
                 for kept in self.queue.kept.values_mut() {
                     if kept.holder == Holder::Worker(worker.id) {
                         kept.lease_end = self.now + LEASE;
@@ -159,11 +172,8 @@ impl Farm {
                 if signs && self.now.saturating_sub(worker.signed) >= LEASE {
                     worker.signed = self.now;
                     let name = worker.id.to_string();
-                    for (record, last) in &mut self.store.attempts {
-                        if record.worker == name && record.ended.is_none() {
-                            *last = self.now;
-                        }
-                    }
+                    let own = self.store.attempts.iter_mut().filter(|a| a.record.worker == name);
+                    own.for_each(|attempt| attempt.signed = self.now);
                 }
             }
             self.queue.expire(self.now);
@@ -271,6 +281,7 @@ impl Farm {
         self.note(|| "the adversary only holds its messages now".to_owned());
         self.abandoned.clear();
         let last_act = self.now;
+        self.workers.iter_mut().for_each(|worker| worker.sleeps_until = self.now);
         while !self.is_finished || self.now < last_act + 5 * LEASE {
             for w in 0..WORKERS {
                 self.work(w)?;

@@ -5,7 +5,7 @@
 //! ([`Tasks`](crate::farm::worker::tasks::Tasks)), the shipped readers of messages and subjects decide what is a task, the
 //! shipped check of attempts decides what is poison, and its coordinator makes the shipped decisions
 //! ([`decide`](crate::farm::round::decide), [`StallWatch`](crate::farm::stall::StallWatch)). Workers are also killed,
-//! and slow. Every scene is healthy. The tests check four promises:
+//! and slow, and so are their lease keepers. Every scene is healthy. The tests check four promises:
 //!
 //! 1. No scene is put into quarantine, whatever the adversary does.
 //! 2. After its last act, a scene without a tuple that no worker works at and no readable message waits for is published
@@ -38,9 +38,11 @@ enum Mistake {
     IgnoresTakenSubjects,
     /// Workers give no sign of life.
     GivesNoSign,
+    /// A worker condemns a scene because others are silent, and does not look again.
+    JudgesAtOnce,
 }
 
-const MISTAKES: [Mistake; 7] = [
+const MISTAKES: [Mistake; 8] = [
     Mistake::BelievesSubjects,
     Mistake::CutsRanges,
     Mistake::PutsBack,
@@ -48,6 +50,7 @@ const MISTAKES: [Mistake; 7] = [
     Mistake::IgnoresHolders,
     Mistake::IgnoresTakenSubjects,
     Mistake::GivesNoSign,
+    Mistake::JudgesAtOnce,
 ];
 
 /// Runs the schedule of a seed. With `log`, an error message starts with all steps.
@@ -89,14 +92,24 @@ fn none_of_a_million_adversaries_harms_a_healthy_scene() {
 #[test]
 fn the_adversary_does_everything_that_it_may() {
     let mut logs = String::new();
-    for seed in 0..200 {
+    for seed in 0..5_000 {
         let mut farm = Farm::new(seed, None, true);
         (0..100).try_for_each(|_| farm.hostile_step()).unwrap();
         farm.finish_fairly().unwrap();
         logs.push_str(&farm.log());
     }
     let acts = ["publishes", "replays", "acknowledges", "gives back", "withholds", "releases"];
-    let ours = ["removes", "leases", "child", "killed", "slow", "stands still", "merged"];
+    let ours = [
+        "removes",
+        "leases",
+        "child",
+        "killed",
+        "slow",
+        "sleeps",
+        "looks again",
+        "stands still",
+        "merged",
+    ];
     for text in acts.into_iter().chain(ours) {
         assert!(logs.contains(text), "{text}");
     }

@@ -1,7 +1,7 @@
-//! A worker: the real state machine, one task at a time, and a lease keeper that never sleeps.
+//! A worker: the real state machine, one task at a time, and a lease keeper.
 
 use super::Mistake;
-use super::farm::{Farm, LEASE, RUN};
+use super::farm::{Attempt, Farm, LEASE, RUN};
 use super::queue::{Holder, Kept};
 use crate::farm::message::{read_delivered, write_subject};
 use crate::farm::queue::{Lease, Message, read_message, write_message};
@@ -21,6 +21,10 @@ pub(super) struct Worker {
     /// Time until which the worker traces one shard.
     pub(super) busy_until: Time,
     pub(super) signed: Time,
+    /// Time until which the lease keeper neither renews nor signs.
+    pub(super) sleeps_until: Time,
+    /// A task whose scene the worker would condemn, with the time of that judgment.
+    doubted: Option<(TaskId, Lease, Time)>,
 }
 
 impl Worker {
@@ -33,6 +37,8 @@ impl Worker {
             is_stuck: false,
             busy_until: Time::ZERO,
             signed: Time::ZERO,
+            sleeps_until: Time::ZERO,
+            doubted: None,
         }
     }
 }
@@ -46,6 +52,9 @@ impl Farm {
         }
         if let Some(child) = worker.child.take() {
             return self.child_ends(w, child);
+        }
+        if let Some((task, lease, since)) = worker.doubted.take() {
+            return self.examine(w, task, &lease, Some(since));
         }
         let Some((task, shards)) = &mut worker.open else {
             return self.lease(w);
@@ -91,7 +100,7 @@ impl Farm {
             return Ok(());
         }
         match self.workers[w].tasks.lease(&lease, self.now) {
-            Some(task) => self.examine(w, task, &lease),
+            Some(task) => self.examine(w, task, &lease, None),
             None => Ok(()),
         }
     }
@@ -108,7 +117,14 @@ impl Farm {
         read_delivered(&kept.subject, &kept.bytes, RUN, &self.shards)
     }
 
-    fn examine(&mut self, w: usize, task: TaskId, lease: &Lease) -> Result<(), String> {
+    /// Judges a task, for the second time if the first judgment of the time `doubted` was a condemnation.
+    fn examine(
+        &mut self,
+        w: usize,
+        task: TaskId,
+        lease: &Lease,
+        doubted: Option<Time>,
+    ) -> Result<(), String> {
         let (now, leased) = (self.now, lease.message.task.clone());
         let (id, scene) = (self.workers[w].id, leased.scene);
         if self.store.tuples.contains(&scene) {
@@ -117,30 +133,40 @@ impl Farm {
         }
         let found = self.store.found(scene);
         let own_found = found.iter().filter(|shard| leased.shards.contains(shard)).count() as u32;
-        let silence = 2 * LEASE;
+        let (silence, judged) = (2 * LEASE, doubted.unwrap_or(now));
         let blames = self.mistake == Some(Mistake::BlamesDeliveries) && lease.redelivered;
         let scene_id = &self.ids[scene as usize];
-        for (record, last) in &mut self.store.attempts {
+        for Attempt { record, signed, marked } in &mut self.store.attempts {
             let is_of = record.scene == *scene_id
                 && record.shards == [leased.shards.start, leased.shards.end];
-            if is_of && record.ended.is_none() && (blames || now.saturating_sub(*last) >= silence) {
+            if !is_of || marked.is_some_and(|marked| *signed <= marked) {
+                continue;
+            }
+            record.ended = None;
+            if blames || judged.saturating_sub(*signed) >= silence {
                 let reason = format!("{} was lost", record.worker);
                 record.ended =
                     Some(Ending { kind: EndKind::Lost, reason, log_tail: String::new() });
+                *marked = Some(now);
             }
         }
-        let of = |(record, _): &&(AttemptRecord, Time)| record.scene == *scene_id;
-        let records: Vec<AttemptRecord> =
-            self.store.attempts.iter().filter(of).map(|(record, _)| record.clone()).collect();
+        let of = self.store.attempts.iter().filter(|attempt| attempt.record.scene == *scene_id);
+        let records: Vec<AttemptRecord> = of.map(|attempt| attempt.record.clone()).collect();
         let check = poison_check(&records, &leased, own_found);
         if let PoisonCheck::Poison(reason) = &check {
-            return Err(format!("healthy scene {scene} goes into quarantine: {reason}"));
+            if doubted.is_some() || self.mistake == Some(Mistake::JudgesAtOnce) {
+                return Err(format!("healthy scene {scene} goes into quarantine: {reason}"));
+            }
+            self.note(|| format!("worker {id} looks again at scene {scene} after two leases"));
+            let worker = &mut self.workers[w];
+            (worker.doubted, worker.busy_until) = (Some((task, lease.clone(), now)), now + silence);
+            return Ok(());
         }
         let n = 1 + records.iter().map(|record| record.n).max().unwrap_or(0);
         let who = WorkerName { worker: id.to_string(), host: "h".to_owned() };
         let mut record = AttemptRecord::new(scene_id, &leased, &who, own_found);
         record.n = n;
-        self.store.attempts.push((record, now));
+        self.store.attempts.push(Attempt { record, signed: now, marked: None });
         let tasks = &mut self.workers[w].tasks;
         tasks.pin(task);
         tasks.attempted(task, n);
@@ -239,6 +265,7 @@ impl Farm {
     fn forget(&mut self, task: &Task, n: u32) {
         let id = &self.ids[task.scene as usize];
         let shards = [task.shards.start, task.shards.end];
-        self.store.attempts.retain(|(r, _)| !(r.scene == *id && r.shards == shards && r.n == n));
+        let is_it = |r: &AttemptRecord| r.scene == *id && r.shards == shards && r.n == n;
+        self.store.attempts.retain(|attempt| !is_it(&attempt.record));
     }
 }
