@@ -10,8 +10,8 @@ use render::ids::SceneId;
 use render::input_file::{InputFile, MAX_FILE_BYTES};
 use render::line::{Photograph, Roots, SceneLine, Side, is_url};
 use render::scene::{
-    END_BYTES, FileEnds, FileRole, Look, PhotographSizes, START_BYTES, check_turned, far_depth_m,
-    far_text, look, look_at_whole,
+    END_BYTES, FileEnds, FileRole, Look, OtherAspect, PhotographSizes, START_BYTES, check_turned,
+    far_depth_m, far_text, look, look_at_whole,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -154,12 +154,8 @@ impl<'a> Checker<'a> {
     /// Returns remarks on those that are probably too far.
     pub(super) fn far_depths(&self, lines: &[SceneLine]) -> Vec<String> {
         let mut first: BTreeMap<(&str, u64), &Photograph> = BTreeMap::new();
-        let sides = lines.iter().flat_map(|line| [&line.front, &line.back]);
-        for photograph in sides.filter_map(Side::photograph) {
-            let place = match photograph.depth.split_once(':') {
-                Some((root, _)) => root,
-                None => photograph.depth.rsplit_once('/').map_or("", |(folder, _)| folder),
-            };
+        for photograph in photographs(lines) {
+            let place = place_of(&photograph.depth);
             let key = (photograph.depth.clone(), FileRole::Depth);
             if matches!(self.seen.get(&key), Some(Checked::Sound { .. })) {
                 first.entry((place, photograph.depth_unit_m.to_bits())).or_insert(photograph);
@@ -173,6 +169,29 @@ impl<'a> Checker<'a> {
             Some(far_text(&photograph.depth, far_m))
         };
         first.values().filter_map(note).collect()
+    }
+
+    /// Returns a remark on the first photograph of each folder or root whose depth image has another aspect ratio than its
+    /// colour image.
+    pub(super) fn other_aspects(&self, lines: &[SceneLine]) -> Vec<String> {
+        let mut first: BTreeMap<&str, String> = BTreeMap::new();
+        for photograph in photographs(lines) {
+            let Photograph { color, depth, orientation, .. } = photograph;
+            let px = |path, role| Some(self.size(path, role)?.used_px(*orientation));
+            let px = px(color, FileRole::Color).zip(px(depth, FileRole::Depth));
+            if let Some(other) = px.and_then(|(color, depth)| OtherAspect::find(color, depth)) {
+                first.entry(place_of(depth)).or_insert_with(|| other.text(color));
+            }
+        }
+        first.into_values().collect()
+    }
+
+    /// Returns the size of a usable picture.
+    fn size(&self, path: &str, role: FileRole) -> Option<PictureSize> {
+        match self.seen.get(&(path.to_owned(), role)) {
+            Some(Checked::Sound { size, .. }) => *size,
+            _ => None,
+        }
     }
 
     fn check_files(&self, files: &[(&str, FileRole)]) -> Result<Vec<Checked>, StoreUnavailable> {
@@ -224,14 +243,11 @@ impl<'a> Checker<'a> {
 
     /// Returns a problem of the sizes of a photograph's usable files, with the file to blame.
     fn problem_of_sizes<'l>(&self, photograph: &'l Photograph) -> Option<(&'l str, String)> {
-        let size = |path: &str, role| match self.seen.get(&(path.to_owned(), role)) {
-            Some(Checked::Sound { size, .. }) => *size,
-            _ => None,
-        };
         let Photograph { color, depth, mask, orientation, .. } = photograph;
-        let of_depth = size(depth, FileRole::Depth)?;
-        let of_mask = mask.as_deref().and_then(|mask| Some((mask, size(mask, FileRole::Mask)?)));
-        if let Some(of_color) = size(color, FileRole::Color) {
+        let of_depth = self.size(depth, FileRole::Depth)?;
+        let of_mask =
+            mask.as_deref().and_then(|mask| Some((mask, self.size(mask, FileRole::Mask)?)));
+        if let Some(of_color) = self.size(color, FileRole::Color) {
             let sizes = PhotographSizes {
                 color: (Path::new("it"), of_color),
                 depth: (Path::new(depth), of_depth),
@@ -249,6 +265,18 @@ impl<'a> Checker<'a> {
             );
             (mask, problem)
         })
+    }
+}
+
+fn photographs(lines: &[SceneLine]) -> impl Iterator<Item = &Photograph> {
+    lines.iter().flat_map(|line| [&line.front, &line.back]).filter_map(Side::photograph)
+}
+
+/// Returns the root or the folder of a path in a scene line.
+fn place_of(path: &str) -> &str {
+    match path.split_once(':') {
+        Some((root, _)) => root,
+        None => path.rsplit_once('/').map_or("", |(folder, _)| folder),
     }
 }
 

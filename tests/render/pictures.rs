@@ -119,3 +119,17 @@ fn a_depth_in_millimetres_is_noted() {
     let planned = place.plan(&scene, "other").expect(0);
     assert!(!planned.stderr.contains("median depth"), "{}", planned.stderr);
 }
+
+#[test]
+fn a_depth_of_another_shape_is_noted() {
+    let place = Place::new();
+    std::fs::write(place.path("tall.npy"), npy("(64, 48)", &[2.0; 64 * 48])).unwrap();
+    let mut scene = place.scene.clone();
+    scene["front"]["depth"] = "tall.npy".into();
+    scene["front"].as_object_mut().unwrap().remove("mask");
+    let words = ["depth image has 48x64 pixels and its colour image 64x48", "turned or cropped?"];
+    place.render(&scene, "tall").expect(0).says(&words);
+    place.plan(&scene, "run").expect(0).says(&words);
+    let plain = place.render(&place.scene, "plain").expect(0);
+    assert!(!plain.stderr.contains("turned or cropped"), "{}", plain.stderr);
+}

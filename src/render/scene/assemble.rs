@@ -1,5 +1,6 @@
 //! Assembles two sheets or meshes, a pane, a lens and a film into a [`crate::trace::Scene`].
 
+use super::aspect::OtherAspect;
 use super::check_geometry::check_geometry;
 use super::error::AssembleError;
 use super::facts::{SceneFacts, Sides, SidesWith, order_facts};
@@ -56,6 +57,7 @@ pub fn assemble(
             front: far_median_m(&line.front, &front),
             back: far_median_m(&line.back, &back),
         },
+        other_aspect: SidesWith { front: OtherAspect::of(&front), back: OtherAspect::of(&back) },
         max_radiance,
         meshes: SidesWith { front: front.mesh_facts(), back: back.mesh_facts() },
     };

@@ -1,5 +1,6 @@
 //! Facts about a scene that the program determines while it loads the scene.
 
+use super::aspect::OtherAspect;
 use super::far::far_text;
 use super::place::MeshFacts;
 use super::relative::RelativeEnds;
@@ -26,6 +27,9 @@ pub struct SceneFacts {
     /// Median of the valid depths, m, of photographs where it is above [`super::FAR_MEDIAN_M`]: the unit is probably wrong.
     #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
     pub far_median_m: SidesWith<f64>,
+    /// Sizes of photographs whose depth image has another aspect ratio than the colour image.
+    #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
+    pub other_aspect: SidesWith<OtherAspect>,
     /// Largest linear radiance.
     pub max_radiance: Sides,
     /// Facts about the sides that are meshes.
@@ -36,9 +40,15 @@ pub struct SceneFacts {
 impl SceneFacts {
     /// Returns remarks on the scene's files.
     pub fn notes(&self) -> Vec<String> {
-        let SidesWith { front, back } = self.far_median_m;
-        let sides = [("front photograph", front), ("back photograph", back)];
-        sides.into_iter().filter_map(|(side, far_m)| Some(far_text(side, far_m?))).collect()
+        let (far, aspect) = (&self.far_median_m, &self.other_aspect);
+        let sides = [
+            ("front photograph", far.front, aspect.front),
+            ("back photograph", far.back, aspect.back),
+        ];
+        let notes = |(side, far_m, aspect): (&str, Option<f64>, Option<OtherAspect>)| {
+            [far_m.map(|far_m| far_text(side, far_m)), aspect.map(|aspect| aspect.text(side))]
+        };
+        sides.into_iter().flat_map(notes).flatten().collect()
     }
 }
 

@@ -16,6 +16,7 @@
 //! ([`crate::formats::limits`]) before memory of that size is allocated. A sheet's bits depend only on the bytes and
 //! the scene line: one thread, a fixed order, and [`libm`] for powers and angles.
 
+mod aspect;
 mod assemble;
 mod center;
 mod check_geometry;
@@ -42,6 +43,7 @@ mod transfer;
 mod turned;
 mod window;
 
+pub use aspect::OtherAspect;
 pub use assemble::assemble;
 pub use check_geometry::{GeometryError, MAX_INCIDENCE_DEG, check_geometry};
 pub use error::{AssembleError, MAX_TOO_NEAR_SHARE};

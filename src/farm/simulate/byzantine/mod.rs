@@ -55,11 +55,15 @@ const MISTAKES: [Mistake; 8] = [
 
 /// Runs the schedule of a seed. With `log`, an error message starts with all steps.
 fn run(seed: u64, mistake: Option<Mistake>, log: bool) -> Result<(), String> {
+    let (ran, log) = run_with_log(seed, mistake, log);
+    ran.map_err(|error| format!("{log}\n{error}"))
+}
+
+fn run_with_log(seed: u64, mistake: Option<Mistake>, log: bool) -> (Result<(), String>, String) {
     let mut farm = Farm::new(seed, mistake, log);
     let steps = farm.draw(160);
     let ran = (0..steps).try_for_each(|_| farm.hostile_step());
-    let ran = ran.and_then(|()| farm.finish_fairly());
-    ran.map_err(|error| format!("{}\n{error}", farm.log()))
+    (ran.and_then(|()| farm.finish_fairly()), farm.log())
 }
 
 /// Runs all seeds on two threads. Each thread replays its first failure to print all steps.
@@ -93,10 +97,9 @@ fn none_of_a_million_adversaries_harms_a_healthy_scene() {
 fn the_adversary_does_everything_that_it_may() {
     let mut logs = String::new();
     for seed in 0..5_000 {
-        let mut farm = Farm::new(seed, None, true);
-        (0..100).try_for_each(|_| farm.hostile_step()).unwrap();
-        farm.finish_fairly().unwrap();
-        logs.push_str(&farm.log());
+        let (ran, log) = run_with_log(seed, None, true);
+        ran.unwrap();
+        logs.push_str(&log);
     }
     let acts = ["publishes", "replays", "acknowledges", "gives back", "withholds", "releases"];
     let ours = [
