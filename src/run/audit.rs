@@ -9,6 +9,7 @@ use super::keys;
 use super::open::Run;
 use super::provenance::Provenance;
 use crate::store::{Store, StoreError};
+use bytes::Bytes;
 use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::job::{SceneJob, render_partials};
@@ -162,12 +163,24 @@ pub(crate) fn audit_scene(
     for (key, stored) in there.iter().zip(store.get_all(&there)?) {
         // A file without content was removed meanwhile.
         let Some(stored) = stored else { continue };
-        let Some(made) = made.file(key, &stored)? else { continue };
+        let Some(made) = made.file(key)? else { continue };
         audit.files += 1;
-        audit.differences.extend(compare(key, &made, &stored));
+        audit.differences.extend(compare(key, &made, &without_maker(key, stored)));
     }
     audit.verdict = if audit.differences.is_empty() { Verdict::Same } else { Verdict::Differs };
     Ok(Some(audit))
+}
+
+/// Removes the maker's name from a partial, because every worker may make it. Returns other files, and partials that
+/// cannot be read, as they are.
+fn without_maker(key: &str, stored: Bytes) -> Bytes {
+    if !key.starts_with(keys::PARTIALS) {
+        return stored;
+    }
+    match partial::decode(Path::new(key), &stored) {
+        Ok(found) => partial::encode(&Partial { maker: None, ..found }).map_or(stored, Bytes::from),
+        Err(_) => stored,
+    }
 }
 
 /// Reads the record of a scene's tuple. Ignores a damaged record, because `audit_scene` compares the record like any
@@ -210,14 +223,12 @@ impl<'p> Made<'p> {
         Ok(Self { partials, tuple: files })
     }
 
-    /// Returns the file under `key`, or `None` if the scene has no such file. A partial names the maker of the `stored`
-    /// one, because every worker may make it.
-    fn file(&self, key: &str, stored: &[u8]) -> Result<Option<Vec<u8>>, AccessError> {
+    /// Returns the file under `key`, or `None` if the scene has no such file. A partial names no maker.
+    fn file(&self, key: &str) -> Result<Option<Vec<u8>>, AccessError> {
         if key.starts_with(keys::PARTIALS) {
             let shard = keys::shard_of(key);
             let found = shard.and_then(|s| self.partials.iter().find(|p| p.header.shard == s));
-            let maker = partial::decode(Path::new(key), stored).ok().and_then(|p| p.maker);
-            let bytes = found.map(|p| partial::encode_by(p, maker.as_ref())).transpose();
+            let bytes = found.map(partial::encode).transpose();
             return bytes.map_err(|e| AccessError::Tuple(format!("cannot encode {key}: {e}")));
         }
         let name = key.rsplit('/').next().unwrap_or(key);

@@ -2,30 +2,11 @@
 
 use crate::support::program::{Ended, Program, command, run, send, text, wait_until};
 use crate::support::scenes::{photographs, place, scene};
+use crate::support::tools::stuck_reads;
 use crate::support::workplace::{run_in, workplace};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::OnceLock;
-
-/// Builds the library that makes reads wait, once. Returns `None` if it cannot be used here.
-fn library() -> Option<&'static Path> {
-    static BUILT: OnceLock<Option<(tempfile::TempDir, PathBuf)>> = OnceLock::new();
-    let built = BUILT.get_or_init(|| {
-        let folder = tempfile::tempdir().unwrap();
-        let library = folder.path().join("reads.so");
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/stuck_read.c");
-        let built = Command::new("cc")
-            .args(["-shared", "-fPIC", "-O1", "-o", text(&library), text(&source), "-ldl"])
-            .status();
-        let is_built = built.is_ok_and(|status| status.success()) && cfg!(target_os = "linux");
-        is_built.then_some((folder, library))
-    });
-    if built.is_none() {
-        eprintln!("skipped: cc cannot build a library that makes reads wait");
-    }
-    built.as_ref().map(|(_, library)| library.as_path())
-}
 
 /// Returns a command whose reads of files named "stuck" do not return.
 fn stuck(library: &Path, folder: &Path, arguments: &[&str]) -> Program {
@@ -115,7 +96,7 @@ fn files_above_the_limit_are_refused() {
 
 #[test]
 fn a_read_that_does_not_return_ends_every_command_after_hang_s() {
-    let Some(library) = library() else { return };
+    let Some(library) = stuck_reads() else { return };
     let place = workplace();
     let folder = place.path();
     scene_with(folder, "slow");
@@ -130,7 +111,7 @@ fn a_read_that_does_not_return_ends_every_command_after_hang_s() {
 
 #[test]
 fn signals_and_time_limits_end_a_worker_whose_read_does_not_return() {
-    let Some(library) = library() else { return };
+    let Some(library) = stuck_reads() else { return };
     let place = place();
     place.plan();
     let inputs = place.run.join("inputs");

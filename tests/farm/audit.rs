@@ -49,7 +49,7 @@ fn one_wrong_pixel_is_found() {
     let scene = scenes.iter().find(|s| s["verdict"] == "differs").unwrap();
     assert_eq!(scene["scene"], "train-sample-000001");
     let differences = scene["differences"].as_array().unwrap();
-    assert_eq!(differences.len(), 1);
+    assert_eq!(differences.len(), 1, "{differences:#?}");
     assert_eq!(differences[0]["file"], "tuples/train-sample-000001/tuple.exr");
     assert_eq!((&differences[0]["pixels"], &differences[0]["at"]), (&1.into(), &json!([20, 5])));
     let largest = differences[0]["largest"].as_f64().unwrap();
@@ -105,7 +105,7 @@ fn partials_are_compared_unless_inputs_have_changed() {
     put_partials(&place.run, &id, &made);
     let found = run(&["audit", folder, "--scene", &id, "--json"]).expect(1).json();
     let differences = found["scenes"][0]["differences"].as_array().unwrap();
-    assert_eq!(differences.len(), 1);
+    assert_eq!(differences.len(), 1, "{differences:#?}");
     assert_eq!(differences[0]["file"], format!("partials/{id}/000001.exr"));
     assert_eq!(differences[0]["pixels"], 1);
     // The addition has rounded the f32 value.

@@ -1,13 +1,11 @@
 //! One client of the queue forges, replaces and removes messages: no healthy scene goes into quarantine, every scene is
 //! published again, and all processes end.
 
-use crate::processes::{
-    all_done, alone, assert_whole, coordinator, end, slow_place, start, worker,
-};
+use crate::processes::{all_done, alone, assert_whole, coordinator, end, slow_place, worker};
 use crate::support::nats::Nats;
-use crate::support::program::{run, runtime, text};
+use crate::support::program::{command, run, runtime, text};
 use crate::support::scenes::{Place, SCENES, photographs, place, reference, scene, write_lines};
-use crate::support::tools::wait_for;
+use crate::support::tools::{stuck_reads, wait_for};
 use async_nats::jetstream::{self, consumer::PullConsumer};
 use futures_util::StreamExt;
 use glasshouse::farm::queue::{Message, write_message};
@@ -193,29 +191,40 @@ fn leases_that_a_client_gives_back_blame_no_scene() {
     }
     assert!(given_back > 0);
     all_done(coordinator, workers);
-    assert!(!place.run.join("quarantine").exists());
+    nothing_is_in_quarantine(&place);
     assert_whole(&place.run, alone(&place));
 }
 
-/// A photograph is a pipe without a writer, as a mount that hangs: the worker leaves, though it traces nothing.
+/// Prints the records in quarantine, if there are any.
+fn nothing_is_in_quarantine(place: &Place) {
+    let records = std::fs::read_dir(place.run.join("quarantine")).into_iter().flatten();
+    let records: Vec<String> =
+        records.map(|entry| std::fs::read_to_string(entry.unwrap().path()).unwrap()).collect();
+    assert!(records.is_empty(), "{}", records.concat());
+}
+
+/// A read of a photograph does not return, as on a mount that hangs: the worker leaves, though it traces nothing.
 #[test]
 fn a_worker_that_cannot_finish_reading_ends() {
-    let Some(server) = Nats::start() else { return };
+    let (Some(server), Some(library)) = (Nats::start(), stuck_reads()) else { return };
     let folder = tempfile::tempdir().unwrap();
     photographs(folder.path());
+    std::fs::rename(folder.path().join("a.png"), folder.path().join("stuck.png")).unwrap();
     let mut place = place();
     place.recipe = folder.path().join("scenes.jsonl");
-    write_lines(&place.recipe, &[scene("one")]);
+    let mut one = scene("one");
+    one["front"]["color"] = "stuck.png".into();
+    write_lines(&place.recipe, &[one]);
     place.plan();
-    let color = folder.path().join("a.png");
-    let away = folder.path().join("away.png");
-    std::fs::rename(&color, &away).unwrap();
-    assert!(std::process::Command::new("mkfifo").arg(&color).status().unwrap().success());
     let coordinator = coordinator(&place, &server);
-    let hung = start("work", &place, &server, &["-j", "1", "--hang-s", "1"]);
-    end(hung).expect(1).says(&["scene one made no progress for 1 s", "this worker hangs"]);
-    std::fs::remove_file(&color).unwrap();
-    std::fs::rename(&away, &color).unwrap();
+    let url = server.url();
+    let mut hung = command(&["work", text(&place.run), "--queue", &url, "--lease-s", "2"]);
+    hung.args(["-j", "1", "--hang-s", "1"]).env("LD_PRELOAD", library);
+    end(hung.spawn().unwrap()).expect(1).says(&[
+        "stuck.png",
+        "has not returned for 1 s",
+        "--hang-s",
+    ]);
     all_done(coordinator, [worker(&place, &server)]);
-    assert!(!place.run.join("quarantine").exists());
+    nothing_is_in_quarantine(&place);
 }

@@ -1,9 +1,10 @@
 //! Runs other programs if they are installed, and kills servers at the end of their test.
 
-use super::program::LONGEST;
+use super::program::{LONGEST, text};
 use std::net::{TcpListener, TcpStream};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, Command, ExitStatus, Output, Stdio};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 /// A server that is killed when dropped.
@@ -94,4 +95,23 @@ pub(crate) fn make_keys(folder: &Path, names: &[&str]) -> Option<()> {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("workers/nats/make-keys.sh");
     content(&tool(Command::new(script).arg(folder).args(names))?);
     Some(())
+}
+
+/// Builds the library that, when preloaded, makes reads of files with "stuck" in their paths wait for ever. Returns `None` if it cannot be used here.
+pub(crate) fn stuck_reads() -> Option<&'static Path> {
+    static BUILT: OnceLock<Option<(tempfile::TempDir, PathBuf)>> = OnceLock::new();
+    let built = BUILT.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let library = folder.path().join("reads.so");
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/stuck_read.c");
+        let built = Command::new("cc")
+            .args(["-shared", "-fPIC", "-O1", "-o", text(&library), text(&source), "-ldl"])
+            .status();
+        let is_built = built.is_ok_and(|status| status.success()) && cfg!(target_os = "linux");
+        is_built.then_some((folder, library))
+    });
+    if built.is_none() {
+        eprintln!("skipped: cc cannot build a library that makes reads wait");
+    }
+    built.as_ref().map(|(_, library)| library.as_path())
 }

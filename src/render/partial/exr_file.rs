@@ -72,11 +72,6 @@ pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
     encode_as(&partial.header, &partial.pixels, partial.maker.as_ref())
 }
 
-/// Like [`encode`], with another maker than the partial's.
-pub fn encode_by(partial: &Partial, maker: Option<&Maker>) -> Result<Vec<u8>, exr::error::Error> {
-    encode_as(&partial.header, &partial.pixels, maker)
-}
-
 pub(super) fn encode_as(
     header: &PartialHeader,
     pixels: &[PixelMeans],

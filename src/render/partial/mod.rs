@@ -19,7 +19,7 @@ mod header;
 mod maker;
 mod sense;
 
-pub use exr_file::{PartialError, decode, encode, encode_by};
+pub use exr_file::{PartialError, decode, encode};
 pub use header::{PARTIAL_SCHEMA, PartialHeader};
 pub use maker::Maker;
 
