@@ -22,7 +22,12 @@ enum There {
     Differs,
     /// No valid partial of this shard, so that it must be replaced.
     Damaged,
+    /// Nothing any more: another worker has merged the scene, or has removed a damaged partial.
+    Gone,
 }
+
+/// Number of attempts to put a partial whose key other workers fill and clear meanwhile.
+const PUTS: usize = 8;
 
 impl<'a> Worker<'a> {
     /// Puts a shard's partial, and replaces a damaged one. Returns false after a conflict.
@@ -33,26 +38,28 @@ impl<'a> Worker<'a> {
         bytes: &Bytes,
     ) -> Result<bool, FarmError> {
         let key = keys::partial(&task.job.line.id, shard);
-        let Err(mut error) = self.store.create_bytes(&key, bytes.clone()) else {
-            return Ok(true);
-        };
-        match self.compare(task, shard, &key, bytes)? {
-            There::Same => return Ok(true),
-            There::Differs => {}
-            There::Damaged => {
-                self.store.delete(std::slice::from_ref(&key))?;
-                match self.store.create_bytes(&key, bytes.clone()) {
-                    Ok(_) => return Ok(true),
-                    Err(again) => error = again,
+        let mut puts = 0;
+        loop {
+            puts += 1;
+            let error = match self.store.create_bytes(&key, bytes.clone()) {
+                Ok(_) => return Ok(true),
+                Err(error) => error,
+            };
+            let StoreError::Differs { here, there, .. } = &error else {
+                return Err(error.into());
+            };
+            match self.compare(task, shard, &key, bytes)? {
+                There::Same => return Ok(true),
+                There::Differs => {
+                    let own = [(key, bytes.clone())];
+                    self.disagree(task, [here, there], Some(shard), &own)?;
+                    return Ok(false);
                 }
+                There::Damaged | There::Gone if puts == PUTS => return Err(error.into()),
+                There::Damaged => self.store.delete(std::slice::from_ref(&key))?,
+                There::Gone => {}
             }
         }
-        let StoreError::Differs { here, there, .. } = &error else {
-            return Err(error.into());
-        };
-        let own = [(key, bytes.clone())];
-        self.disagree(task, [here, there], Some(shard), &own)?;
-        Ok(false)
     }
 
     /// Compares a stored partial with `bytes`. Partials of two makers are the same if their digests are.
@@ -64,7 +71,7 @@ impl<'a> Worker<'a> {
         bytes: &Bytes,
     ) -> Result<There, FarmError> {
         let Some(there) = self.store.get(key)? else {
-            return Ok(There::Differs);
+            return Ok(There::Gone);
         };
         let path = PathBuf::from(self.store.name()).join(key);
         let expected = task.job.layout.shard(shard);

@@ -33,6 +33,8 @@ enum Mistake {
     FinishesRefused,
     /// A partial counts as stored before its put has ended.
     StoredTooEarly,
+    /// A partial that another worker removes before the comparison counts as a different one.
+    GoneIsOther,
     /// The last worker of a scene does not complete the scene.
     NeverTheLast,
     /// The tuple is made without its last shard.
@@ -47,11 +49,12 @@ enum Mistake {
     NamesOnlyItself,
 }
 
-const MISTAKES: [Mistake; 10] = [
+const MISTAKES: [Mistake; 11] = [
     Mistake::LeavesBeforeConfirmed,
     Mistake::FinishesFirst,
     Mistake::NeverPublishes,
     Mistake::StoredTooEarly,
+    Mistake::GoneIsOther,
     Mistake::NeverTheLast,
     Mistake::GathersNothing,
     Mistake::RemovesPartialsFirst,

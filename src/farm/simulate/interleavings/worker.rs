@@ -34,6 +34,8 @@ pub(super) enum Step {
     Begin(u32),
     Trace(u32),
     Put(u32),
+    /// Compares the worker's partial with that of another maker, which another worker may remove before.
+    Compare(u32),
     CheckScene,
     Gather,
     Receipt,
@@ -169,9 +171,25 @@ impl Farm {
                 worker.tasks.traced(task, shard, now)
             }
             Step::Put(shard) => {
-                self.store.put_partial((scene, shard), (digest(scene, shard), worker.id))?;
-                worker.tasks.stored(task, shard)
+                let at = (scene, shard);
+                if self.store.partials.get(&at).is_some_and(|made| made.1 != worker.id) {
+                    next.push(Step::Compare(shard));
+                    Vec::new()
+                } else {
+                    self.store.put_partial(at, (digest(scene, shard), worker.id))?;
+                    worker.tasks.stored(task, shard)
+                }
             }
+            Step::Compare(shard) => match self.store.partials.get(&(scene, shard)) {
+                Some(made) if made.0 == digest(scene, shard) => worker.tasks.stored(task, shard),
+                None if self.mistake != Some(Mistake::GoneIsOther) => {
+                    next.push(Step::Put(shard));
+                    Vec::new()
+                }
+                there => {
+                    return Err(format!("partial {shard} of scene {scene} differs: {there:?}"));
+                }
+            },
             Step::CheckScene => {
                 let all = found.len() == SHARDS as usize;
                 let all = all && self.mistake != Some(Mistake::NeverTheLast);
