@@ -70,6 +70,10 @@ pub(super) fn read_record(input: &Input) -> Inspection {
         let problem = Problem::new(error.to_string(), TupleRecord::TO_DO);
         found.wrong(problem.at("its `scene`"));
     }
+    if let Err(reason) = record.check_complete() {
+        found.wrong(Problem::new(reason, TupleRecord::TO_DO));
+        return found;
+    }
     let files = tuple_files(&record.scene);
     let is_missing = |name: &&String| (input.beside)(name).is_none();
     let missing: Vec<&str> = files.iter().filter(is_missing).map(String::as_str).collect();

@@ -222,12 +222,20 @@ impl Store {
 
     /// Puts an object that may change, such as a record, and replaces an existing one. Results need [`Self::create`].
     pub fn replace(&self, key: &str, bytes: &[u8]) -> Result<(), StoreError> {
-        self.check_place()?;
         let (path, payload) = (self.key(key), PutPayload::from(bytes.to_vec()));
-        RUNTIME
-            .block_on(with_patience(self.patience, || self.objects.put(&path, payload.clone())))
-            .map(|_| ())
-            .map_err(|e| self.failed("write", key, &e))
+        let mut cleared_away = 0;
+        loop {
+            self.check_place()?;
+            let put = with_patience(self.patience, || self.objects.put(&path, payload.clone()));
+            match RUNTIME.block_on(put) {
+                Ok(_) => return Ok(()),
+                // Another process removed the unfinished file of this put at the end of the run.
+                Err(error) if cleared_away < CLEARED_AWAY && is_cleared_away(&error) => {
+                    cleared_away += 1;
+                }
+                Err(error) => return Err(self.failed("write", key, &error)),
+            }
+        }
     }
 
     /// Returns the bytes of an object, if the object exists.

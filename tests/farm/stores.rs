@@ -46,6 +46,13 @@ fn objects_are_created_once_and_differences_are_errors() {
 /// A coordinator that finishes the run while a worker writes removes the unfinished file with its folder.
 #[test]
 fn a_put_is_repeated_if_its_file_is_removed() {
+    while_files_are_removed(&|store, key, bytes| {
+        assert_eq!(store.create(key, bytes).unwrap(), Put::New);
+    });
+    while_files_are_removed(&|store, key, bytes| store.replace(key, bytes).unwrap());
+}
+
+fn while_files_are_removed(put: &dyn Fn(&Store, &str, &[u8])) {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::local(folder.path()).unwrap();
     let bytes = vec![7; 8 << 20];
@@ -65,9 +72,8 @@ fn a_put_is_repeated_if_its_file_is_removed() {
     for object in 0..objects {
         std::thread::scope(|scope| {
             let other = scope.spawn(|| clear_away(object));
-            let put = store.create(&format!("partials/s{object}/x"), &bytes);
+            put(&store, &format!("partials/s{object}/x"), &bytes);
             cleared_away += u32::from(other.join().unwrap());
-            assert_eq!(put.unwrap(), Put::New);
         });
     }
     assert!(cleared_away > 0, "no file was removed during its put");

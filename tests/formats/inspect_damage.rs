@@ -145,6 +145,36 @@ fn an_incomplete_tuple_and_an_incomplete_sample_are_detected() {
 
 #[cfg(feature = "train")]
 #[test]
+fn a_record_without_the_digest_of_a_file_is_damaged() {
+    let files = files();
+    let tuple = Path::new("runs/smoke/tuples/train-sample-000000/tuple.json");
+    let changes: [(&str, fn(&mut Value)); 5] = [
+        ("digest of", |record| drop(record.as_object_mut().unwrap().remove("files"))),
+        ("digest of input.png", |record| {
+            drop(record["files"].as_object_mut().unwrap().remove("input.png"))
+        }),
+        ("layer transmission", |record| {
+            drop(record["layers"].as_object_mut().unwrap().remove("transmission"));
+        }),
+        ("has no `files`", |record| record["schema"] = "glasshouse.tuple/1".into()),
+        ("not the name of a file beside it", |record| record["files"]["../x"] = "0".into()),
+    ];
+    for (words, change) in changes {
+        let found = inspect(files.folder.path(), tuple, |bytes| {
+            let mut record: Value = serde_json::from_slice(bytes).unwrap();
+            change(&mut record);
+            *bytes = serde_json::to_vec(&record).unwrap();
+        });
+        explained(tuple, &found);
+        assert!(
+            found.2.replace("\n                           ", " ").contains(words),
+            "{words}: {}",
+            found.2
+        );
+    }
+}
+
+#[test]
 fn a_checkpoint_is_compared_with_its_state() {
     let files = files();
     let folder = files.folder.path();

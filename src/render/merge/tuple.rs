@@ -68,14 +68,28 @@ impl TupleRecord {
         }
     }
 
-    /// True if the record has digests of the files of its scene's tuple, or an older schema without them.
-    pub(super) fn is_complete(&self) -> bool {
+    /// Checks that the record has statistics of its scene's layers, and digests of the tuple's files or an older schema
+    /// without them. An error is a text for the user.
+    pub fn check_complete(&self) -> Result<(), String> {
+        let layers = self.scene.film.layers.names();
+        if let Some(name) = layers.into_iter().find(|name| !self.layers.contains_key(*name)) {
+            return Err(format!("`layers` lacks the scene's layer {name}"));
+        }
+        let is_name = |name: &&String| !name.contains(['/', '\\']);
+        if let Some(name) = self.files.keys().find(|name| !is_name(name)) {
+            return Err(format!("`files` has {name:?}, which is not the name of a file beside it"));
+        }
         match self.schema.as_str() {
             TUPLE_SCHEMA => {
-                tuple_images(&self.scene).iter().all(|name| self.files.contains_key(name))
+                let images = tuple_images(&self.scene);
+                match images.iter().find(|name| !self.files.contains_key(*name)) {
+                    Some(name) => Err(format!("`files` lacks the digest of {name}")),
+                    None => Ok(()),
+                }
             }
-            TUPLE_SCHEMA_1 => self.files.is_empty(),
-            _ => false,
+            TUPLE_SCHEMA_1 if self.files.is_empty() => Ok(()),
+            TUPLE_SCHEMA_1 => Err(format!("{TUPLE_SCHEMA_1} has no `files`")),
+            other => Err(format!("its schema is {other:?}")),
         }
     }
 }

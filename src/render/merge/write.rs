@@ -54,7 +54,9 @@ pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
 /// True if the bytes are the `tuple.json` of this scene line, made by this version of the tracer.
 pub fn is_record_of(bytes: &[u8], line: &SceneLine, tracer_version: u32) -> bool {
     let record: Result<TupleRecord, _> = serde_json::from_slice(bytes);
-    record.is_ok_and(|r| r.scene == *line && r.tracer_version == tracer_version && r.is_complete())
+    record.is_ok_and(|r| {
+        r.scene == *line && r.tracer_version == tracer_version && r.check_complete().is_ok()
+    })
 }
 
 /// True if the bytes are the `tuple.json` of this scene line, made by this or an older version of the tracer.
