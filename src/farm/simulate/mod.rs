@@ -21,6 +21,8 @@ mod idle;
 mod interleavings;
 mod outcome;
 mod queue;
+#[cfg(test)]
+mod seeds;
 mod server;
 mod state;
 mod store;

@@ -20,6 +20,7 @@ mod farm;
 mod queue;
 mod worker;
 
+use super::seeds::run_all;
 use farm::Farm;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,31 +67,16 @@ fn run_with_log(seed: u64, mistake: Option<Mistake>, log: bool) -> (Result<(), S
     (ran.and_then(|()| farm.finish_fairly()), farm.log())
 }
 
-/// Runs all seeds on two threads. Each thread replays its first failure to print all steps.
-fn run_all(seeds: std::ops::Range<u64>) {
-    let middle = u64::midpoint(seeds.start, seeds.end);
-    std::thread::scope(|scope| {
-        for mut part in [seeds.start..middle, middle..seeds.end] {
-            scope.spawn(move || {
-                if let Some(seed) = part.find(|&seed| run(seed, None, false).is_err()) {
-                    let error = run(seed, None, true).expect_err("equal seeds give equal runs");
-                    panic!("seed {seed}; `run({seed}, None, true)` replays it: {error}");
-                }
-            });
-        }
-    });
-}
-
 #[test]
 fn no_adversary_harms_a_healthy_scene() {
-    run_all(0..5_000);
+    run_all(0..5_000, |seed, log| run(seed, None, log));
 }
 
 /// `cargo test --release --lib a_million_adversaries -- --ignored`
 #[test]
 #[ignore = "takes minutes"]
 fn none_of_a_million_adversaries_harms_a_healthy_scene() {
-    run_all(0..1_000_000);
+    run_all(0..1_000_000, |seed, log| run(seed, None, log));
 }
 
 #[test]

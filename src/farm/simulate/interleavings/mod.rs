@@ -18,6 +18,7 @@
 mod farm;
 mod worker;
 
+use super::seeds::run_all;
 use farm::Farm;
 
 /// A mistake in the protocol that these tests must find.
@@ -72,31 +73,16 @@ fn run(seed: u64, mistake: Option<Mistake>, log: bool) -> Result<(), String> {
     ran.map_err(|error| format!("{}\n{error}", farm.log()))
 }
 
-/// Runs all seeds on two threads. Each thread replays its first failure to print all steps.
-fn run_all(seeds: std::ops::Range<u64>) {
-    let middle = u64::midpoint(seeds.start, seeds.end);
-    std::thread::scope(|scope| {
-        for mut part in [seeds.start..middle, middle..seeds.end] {
-            scope.spawn(move || {
-                if let Some(seed) = part.find(|&seed| run(seed, None, false).is_err()) {
-                    let error = run(seed, None, true).expect_err("equal seeds give equal runs");
-                    panic!("seed {seed}; `run({seed}, None, true)` replays it: {error}");
-                }
-            });
-        }
-    });
-}
-
 #[test]
 fn no_work_is_lost_in_any_order() {
-    run_all(0..20_000);
+    run_all(0..20_000, |seed, log| run(seed, None, log));
 }
 
 /// `cargo test --release --lib a_million -- --ignored --nocapture`
 #[test]
 #[ignore = "takes minutes"]
 fn no_work_is_lost_in_any_of_a_million_orders() {
-    run_all(0..1_000_000);
+    run_all(0..1_000_000, |seed, log| run(seed, None, log));
 }
 
 #[test]
