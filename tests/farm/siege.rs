@@ -196,9 +196,11 @@ impl Siege {
     fn work(&self, name: &str, faults: &[&str]) -> Running {
         let own = self.place.folder.path().join(name);
         let run = if self.bucket.is_some() { &own } else { &self.place.run };
-        let mut more = vec!["-j", "1", "--name", name, "--hang-s"];
-        // Requests to a failing bucket take longer.
-        more.push(if self.bucket.is_some() { "8" } else { "3" });
+        let mut more = vec!["-j", "1", "--name", name];
+        if !faults.is_empty() {
+            // Some hang. Requests to a failing bucket take longer.
+            more.extend(["--hang-s", if self.bucket.is_some() { "8" } else { "3" }]);
+        }
         // Some workers write their partials every second; the others write each partial at once.
         if name.ends_with(['1', '3', '5', '7']) {
             more.extend(["--checkpoint-s", "1"]);
