@@ -170,26 +170,8 @@ impl Farm {
                 results.insert(shard, (digest(scene, shard), worker.id));
                 worker.tasks.traced(task, shard, now)
             }
-            Step::Put(shard) => {
-                let at = (scene, shard);
-                if self.store.partials.get(&at).is_some_and(|made| made.1 != worker.id) {
-                    next.push(Step::Compare(shard));
-                    Vec::new()
-                } else {
-                    self.store.put_partial(at, (digest(scene, shard), worker.id))?;
-                    worker.tasks.stored(task, shard)
-                }
-            }
-            Step::Compare(shard) => match self.store.partials.get(&(scene, shard)) {
-                Some(made) if made.0 == digest(scene, shard) => worker.tasks.stored(task, shard),
-                None if self.mistake != Some(Mistake::GoneIsOther) => {
-                    next.push(Step::Put(shard));
-                    Vec::new()
-                }
-                there => {
-                    return Err(format!("partial {shard} of scene {scene} differs: {there:?}"));
-                }
-            },
+            Step::Put(shard) => return self.put(w, task, (scene, shard)),
+            Step::Compare(shard) => return self.compare(w, task, (scene, shard)),
             Step::CheckScene => {
                 let all = found.len() == SHARDS as usize;
                 let all = all && self.mistake != Some(Mistake::NeverTheLast);
@@ -245,6 +227,34 @@ impl Farm {
         let worker = &mut self.workers[w];
         worker.act(actions);
         worker.jobs.extend(next.into_iter().map(|step| Job::Step(task, step)));
+        Ok(())
+    }
+
+    /// Puts a partial, or finds that of another maker.
+    fn put(&mut self, w: usize, task: TaskId, at: (u32, u32)) -> Result<(), String> {
+        let worker = &mut self.workers[w];
+        if self.store.partials.get(&at).is_some_and(|made| made.1 != worker.id) {
+            worker.jobs.push(Job::Step(task, Step::Compare(at.1)));
+            return Ok(());
+        }
+        self.store.put_partial(at, (digest(at.0, at.1), worker.id))?;
+        let actions = worker.tasks.stored(task, at.1);
+        worker.act(actions);
+        Ok(())
+    }
+
+    fn compare(&mut self, w: usize, task: TaskId, at: (u32, u32)) -> Result<(), String> {
+        let worker = &mut self.workers[w];
+        match self.store.partials.get(&at) {
+            Some(made) if made.0 == digest(at.0, at.1) => {
+                let actions = worker.tasks.stored(task, at.1);
+                worker.act(actions);
+            }
+            None if self.mistake != Some(Mistake::GoneIsOther) => {
+                worker.jobs.push(Job::Step(task, Step::Put(at.1)));
+            }
+            there => return Err(format!("partial {at:?} differs: {there:?}")),
+        }
         Ok(())
     }
 
