@@ -144,14 +144,16 @@ fn an_incomplete_tuple_and_an_incomplete_sample_are_detected() {
 }
 
 #[cfg(feature = "train")]
+type Change = fn(&mut Value);
+
 #[test]
 fn a_record_without_the_digest_of_a_file_is_damaged() {
     let files = files();
     let tuple = Path::new("runs/smoke/tuples/train-sample-000000/tuple.json");
-    let changes: [(&str, fn(&mut Value)); 5] = [
+    let changes: [(&str, Change); 5] = [
         ("digest of", |record| drop(record.as_object_mut().unwrap().remove("files"))),
         ("digest of input.png", |record| {
-            drop(record["files"].as_object_mut().unwrap().remove("input.png"))
+            drop(record["files"].as_object_mut().unwrap().remove("input.png"));
         }),
         ("layer transmission", |record| {
             drop(record["layers"].as_object_mut().unwrap().remove("transmission"));

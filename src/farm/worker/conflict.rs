@@ -41,9 +41,8 @@ impl<'a> Worker<'a> {
         let mut puts = 0;
         loop {
             puts += 1;
-            let error = match self.store.create_bytes(&key, bytes.clone()) {
-                Ok(_) => return Ok(true),
-                Err(error) => error,
+            let Err(error) = self.store.create_bytes(&key, bytes.clone()) else {
+                return Ok(true);
             };
             let StoreError::Differs { here, there, .. } = &error else {
                 return Err(error.into());

@@ -28,7 +28,7 @@ impl OtherAspect {
             Placed::Sheet(sheet) => {
                 Self::find([sheet.color_width, sheet.color_height], [sheet.width, sheet.height])
             }
-            _ => None,
+            Placed::Mesh(_) => None,
         }
     }
 
