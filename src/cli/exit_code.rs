@@ -254,6 +254,7 @@ impl From<train::TrainError> for Failure {
             | E::Checkpoint(C::Damaged { .. })
             | E::Example(X::Unusable { .. } | X::None(_)) => Exit::InvalidInput,
             E::Lock { .. }
+            | E::Read { .. }
             | E::Moved { .. }
             | E::Example(_)
             | E::Checkpoint(_)

@@ -139,7 +139,7 @@ fn checkpoint(place: &Path, which: Which, output: &Output) -> Result<Checkpoint,
     let is_run = place.join(keys::SPEC).is_file();
     let folder = if is_run { stage_folder(place, Stage::Separation) } else { place.to_owned() };
     if which == Which::Best
-        && let Some(best) = Best::read(&folder)
+        && let Some(best) = Best::read(&folder)?
     {
         match Checkpoint::read(&checkpoint_folder(&folder, best.step), &Device::Cpu) {
             Ok(checkpoint) => return Ok(checkpoint),
@@ -149,7 +149,8 @@ fn checkpoint(place: &Path, which: Which, output: &Output) -> Result<Checkpoint,
             }
         }
     }
-    let (newest, refused) = Checkpoint::newest(&folder, &Device::Cpu);
+    let (newest, refused) = Checkpoint::newest(&folder, &Device::Cpu)
+        .map_err(|e| failure!(Exit::Failed, "cannot list {}: {e}", folder.display()))?;
     for error in refused {
         output.warning(&error.to_string());
     }

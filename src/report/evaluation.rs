@@ -17,8 +17,10 @@ const PICTURES_SHOWN: usize = 24;
 /// Draws the section: mean scores, a grid of pictures, and the scores of single pictures.
 pub(super) fn evaluation(run: &Path) -> Markup {
     let folder = run.join("train").join("evaluation");
-    let json = render::input_file::read(&folder.join("evaluation.json")).ok();
-    let json = json.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
+    let json = match render::input_file::read_if_there(&folder.join("evaluation.json")) {
+        Ok(json) => json.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok()),
+        Err(error) => return html! { p.bad { "The scores cannot be read: " (error) "." } },
+    };
     let Some(json) = json.filter(|json| json["rows"].is_array()) else {
         return html! { p.dim { "The run has no scores yet; " code { "glasshouse evaluate RUN" } " computes them." } };
     };

@@ -35,7 +35,13 @@ pub(super) fn training(run: &Path) -> Markup {
 
 /// Draws the curves and the newest pictures of a stage, if it was trained.
 fn stage(folder: &Path, title: &str, columns: &str) -> Option<Markup> {
-    let csv = render::input_file::read_to_string(&folder.join("metrics.csv")).ok()?;
+    let csv = match render::input_file::read_if_there(&folder.join("metrics.csv")) {
+        Ok(csv) => String::from_utf8_lossy(&csv?).into_owned(),
+        Err(error) => {
+            let bad = html! { p.bad { "The metrics cannot be read: " (error) "." } };
+            return Some(html! { h3 { (title) } (bad) });
+        }
+    };
     Some(html! {
         h3 { (title) }
         div.plots.wide {

@@ -125,12 +125,16 @@ impl Run {
     /// Fails if spec or manifest changed since the run was opened.
     pub(crate) fn check_unchanged(&self) -> Result<(), RunError> {
         let changed = |key: &str| RunError::Changed { path: self.path(key) };
-        let spec = read(&self.root, keys::SPEC).ok();
-        let spec = spec.and_then(|text| serde_json::from_str::<Spec>(&text).ok());
+        let text = |key| match read(&self.root, key) {
+            // The disk fails; the file may be as it was.
+            Err(error @ RunError::Read { .. }) => Err(error),
+            text => Ok(text.ok()),
+        };
+        let spec = text(keys::SPEC)?.and_then(|text| serde_json::from_str::<Spec>(&text).ok());
         if spec.as_ref() != Some(&self.spec) {
             return Err(changed(keys::SPEC));
         }
-        let manifest = read(&self.root, keys::MANIFEST).ok();
+        let manifest = text(keys::MANIFEST)?;
         if manifest.is_none_or(|text| manifest_digest(&text) != self.spec.manifest_blake3) {
             return Err(changed(keys::MANIFEST));
         }

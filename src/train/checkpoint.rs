@@ -234,32 +234,40 @@ impl Checkpoint {
     }
 
     /// Reads the newest usable checkpoint of a stage; also returns the errors of newer checkpoints.
-    pub fn newest(stage_folder: &Path, device: &Device) -> (Option<Self>, Vec<CheckpointError>) {
+    /// Fails if the folder cannot be listed.
+    pub fn newest(
+        stage_folder: &Path,
+        device: &Device,
+    ) -> std::io::Result<(Option<Self>, Vec<CheckpointError>)> {
         let mut refused = Vec::new();
-        for step in steps(stage_folder).into_iter().rev() {
+        for step in steps(stage_folder)?.into_iter().rev() {
             match Self::read(&checkpoint_folder(stage_folder, step), device) {
-                Ok(checkpoint) => return (Some(checkpoint), refused),
+                Ok(checkpoint) => return Ok((Some(checkpoint), refused)),
                 Err(error) => refused.push(error),
             }
         }
-        (None, refused)
+        Ok((None, refused))
     }
 }
 
-/// Returns the steps of the checkpoints in a stage's folder, in ascending order.
-pub fn steps(stage_folder: &Path) -> Vec<u64> {
-    let Ok(entries) = std::fs::read_dir(stage_folder) else {
-        return Vec::new();
+/// Returns the steps of the checkpoints in a stage's folder, in ascending order; none if the folder does not exist.
+pub fn steps(stage_folder: &Path) -> std::io::Result<Vec<u64>> {
+    let entries = match std::fs::read_dir(stage_folder) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(error),
     };
-    let names = entries.flatten().map(|entry| entry.file_name());
-    let mut steps: Vec<u64> = names.filter_map(|name| step_of(name.to_str()?)).collect();
+    let mut steps = Vec::new();
+    for entry in entries {
+        steps.extend(entry?.file_name().to_str().and_then(step_of));
+    }
     steps.sort_unstable();
-    steps
+    Ok(steps)
 }
 
 /// Removes all checkpoints except the newest `keep` (at least one) and the one of step `best`.
 pub fn prune(stage_folder: &Path, keep: usize, best: Option<u64>) -> std::io::Result<()> {
-    let steps = steps(stage_folder);
+    let steps = steps(stage_folder)?;
     let old = steps.len().saturating_sub(keep.max(1));
     for step in &steps[..old] {
         if Some(*step) != best {

@@ -16,6 +16,8 @@ pub enum TrainError {
         folder.display()
     )]
     Moved { folder: PathBuf },
+    #[error("cannot read {}: {source}; check the disk, and train again", path.display())]
+    Read { path: PathBuf, source: std::io::Error },
     #[error("cannot lock {}: {source}", path.display())]
     Lock { path: PathBuf, source: std::io::Error },
     #[error(

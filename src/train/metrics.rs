@@ -26,10 +26,13 @@ impl Metrics {
     pub(super) fn open(path: &Path, step: u64) -> io::Result<Self> {
         let mut text =
             format!("step,total,{},discriminator,validation_psnr_db,wall_s\n", TERMS.join(","));
-        if let Ok(old) = render::input_file::read_to_string(path) {
-            for line in old.lines().skip(1) {
+        if let Some(old) = render::input_file::read_if_there(path)? {
+            let columns = text.split(',').count();
+            for line in String::from_utf8_lossy(&old).lines().skip(1) {
                 let number = line.split(',').next().and_then(|s| s.parse::<u64>().ok());
-                if number.is_some_and(|n| n <= step) {
+                // A full disk may have cut the last line.
+                let is_whole = line.split(',').count() == columns;
+                if is_whole && number.is_some_and(|n| n <= step) {
                     text += line;
                     text.push('\n');
                 }
@@ -95,6 +98,8 @@ mod tests {
         assert!(lines()[4].contains(",20.5,"), "{:?}", lines());
         let mut metrics = Metrics::open(&path, 2).unwrap();
         metrics.add(3, &losses(9.0), None, 0.1).unwrap();
+        render::atomic_file::write(&path, (lines().join("\n") + "\n3,0.5").as_bytes()).unwrap();
+        Metrics::open(&path, 3).unwrap();
         let firsts: Vec<String> = lines()
             .iter()
             .map(|line| line.split(',').take(2).collect::<Vec<_>>().join(" "))

@@ -42,9 +42,11 @@ impl Beginning {
         stage: Stage,
         device: &Device,
         watcher: &mut dyn Watcher,
-    ) -> Self {
+    ) -> Result<Self, TrainError> {
         let mut newest = |stage| {
-            let (checkpoint, refused) = Checkpoint::newest(&stage_folder(run, stage), device);
+            let folder = stage_folder(run, stage);
+            let (checkpoint, refused) = Checkpoint::newest(&folder, device)
+                .map_err(|source| TrainError::Read { path: folder, source })?;
             for error in refused {
                 let older = match &checkpoint {
                     Some(older) => format!("step {} is used instead", older.state.step),
@@ -52,14 +54,14 @@ impl Beginning {
                 };
                 watcher.warning(&format!("{error}; {older}"));
             }
-            checkpoint
+            Ok::<_, TrainError>(checkpoint)
         };
-        let own = newest(stage);
+        let own = newest(stage)?;
         let before = match stage {
-            Stage::Separation if own.is_none() => newest(Stage::Backtrack),
+            Stage::Separation if own.is_none() => newest(Stage::Backtrack)?,
             _ => None,
         };
-        Self { own, before }
+        Ok(Self { own, before })
     }
 
     pub(super) fn step(&self) -> u64 {

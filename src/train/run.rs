@@ -127,7 +127,7 @@ pub fn run(
     let stage = training.stage;
     let folder = stage_folder(&training.run, stage);
     let lock = if training.dry_run { None } else { Some(lock(&folder)?) };
-    let beginning = Beginning::find(&training.run, stage, &training.device, watcher);
+    let beginning = Beginning::find(&training.run, stage, &training.device, watcher)?;
     let settings = beginning.settings(&training)?;
     let features = load_features(&training, &settings, watcher)?;
     let lines = of_split(training.scenes, Split::Train);
@@ -159,8 +159,10 @@ pub fn run(
         // The process that wrote the checkpoint may have ended before it updated `best.json`.
         Best::note(&folder, own.state.step, own.state.validation_psnr_db)?;
         // Nor removed old checkpoints. If newer ones are damaged, the old ones stay.
-        if steps(&folder).last() == Some(&own.state.step) {
-            let best = Best::read(&folder).map(|best| best.step);
+        let newest =
+            steps(&folder).map_err(|source| TrainError::Read { path: folder.clone(), source })?;
+        if newest.last() == Some(&own.state.step) {
+            let best = Best::read(&folder)?.map(|best| best.step);
             prune(&folder, training.keep, best)
                 .map_err(|source| WriteError { path: folder.clone(), source })?;
         }

@@ -183,7 +183,7 @@ fn a_lying_state_is_refused_and_the_checkpoint_before_it_is_used() {
         render::atomic_file::write(&path.join("state.json"), lying.as_bytes()).unwrap();
         let error = Checkpoint::read(&path, &Device::Cpu).err().unwrap().to_string();
         assert!(error.contains(words) && error.contains("state.json"), "{error}");
-        let (found, refused) = Checkpoint::newest(&stage, &Device::Cpu);
+        let (found, refused) = Checkpoint::newest(&stage, &Device::Cpu).unwrap();
         assert_eq!((found.unwrap().state.step, refused.len()), (2, 1));
     }
     // Training goes on from the checkpoint before, and names the damaged one.
@@ -208,7 +208,7 @@ fn impossible_training_is_refused_with_a_reason() {
     // A dry run writes no checkpoint.
     let dry = run(Training { dry_run: true, ..backtrack(2) }, &mut (), &stop).unwrap();
     assert_eq!(dry.to_string(), "would train; nothing is written");
-    assert!(steps(&stage_folder(folder, Stage::Backtrack)).is_empty());
+    assert!(steps(&stage_folder(folder, Stage::Backtrack)).unwrap().is_empty());
 
     run(backtrack(2), &mut (), &stop).unwrap();
     let wider = |_: Option<&TrainSettings>| TrainSettings { width: 8, ..small() };

@@ -88,10 +88,13 @@ pub struct Best {
 }
 
 impl Best {
-    /// Reads `best.json` of a stage; returns `None` if the file is missing or damaged.
-    pub fn read(stage_folder: &Path) -> Option<Self> {
-        let bytes = render::input_file::read(&stage_folder.join("best.json")).ok()?;
-        serde_json::from_slice(&bytes).ok()
+    /// Reads `best.json` of a stage; returns `None` if the file is missing or damaged. Fails if it cannot be read.
+    pub fn read(stage_folder: &Path) -> Result<Option<Self>, TrainError> {
+        let path = stage_folder.join("best.json");
+        match render::input_file::read_if_there(&path) {
+            Ok(bytes) => Ok(bytes.and_then(|bytes| serde_json::from_slice(&bytes).ok())),
+            Err(source) => Err(TrainError::Read { path, source }),
+        }
     }
 
     /// Updates `best.json` if the checkpoint of `step`, with this PSNR of the validation scenes, is better.
@@ -100,7 +103,7 @@ impl Best {
         step: u64,
         psnr_db: Option<f64>,
     ) -> Result<(), TrainError> {
-        let best = Self::read(stage_folder).map(|best| best.validation_psnr_db);
+        let best = Self::read(stage_folder)?.map(|best| best.validation_psnr_db);
         let Some(validation_psnr_db) = psnr_db.filter(|db| best.is_none_or(|best| best < *db))
         else {
             return Ok(());
@@ -293,7 +296,7 @@ impl Session {
             psnr,
         )?;
         Best::note(&self.folder, self.step, psnr)?;
-        let best = Best::read(&self.folder).map(|best| best.step);
+        let best = Best::read(&self.folder)?.map(|best| best.step);
         prune(&self.folder, schedule.keep, best)
             .map_err(|source| WriteError { path: self.folder.clone(), source })?;
         watcher.checkpoint(self.step, &path, psnr);

@@ -338,7 +338,10 @@ fn networks(
         });
     }
     if places.is_empty() && is_run {
-        if steps(&stage_folder(&args.place, Stage::Separation)).is_empty() {
+        let stage = stage_folder(&args.place, Stage::Separation);
+        let trained = steps(&stage)
+            .map_err(|e| failure!(Exit::Failed, "cannot list {}: {e}", stage.display()))?;
+        if trained.is_empty() {
             output.note(&format!(
                 "the run has no SP-net, so only the input is scored; `glasshouse train {} --stage separation --steps S` trains one",
                 args.place.display()

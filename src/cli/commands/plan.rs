@@ -2,7 +2,7 @@
 
 use crate::bench::calibrate;
 use crate::cli::args::{Global, RootArgs, isa, threads};
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::store_env;
@@ -80,9 +80,12 @@ pub(super) fn plan_with(
 
 /// Returns the recipe's `[train]` table, if it has one, as JSON.
 fn training(args: &PlanArgs) -> Result<Option<String>, Failure> {
-    let text = render::input_file::read_to_string(&args.recipe).unwrap_or_default();
+    let bytes = render::input_file::read(&args.recipe).map_err(|e| {
+        failure!(Exit::InvalidInput, "cannot read {}: {e}; check the path", args.recipe.display())
+    })?;
     // A file that is not a recipe is a list of scenes and has no `[train]` table.
-    let Some(train) = Recipe::parse(&text).ok().and_then(|recipe| recipe.train) else {
+    let recipe = std::str::from_utf8(&bytes).ok().and_then(|text| Recipe::parse(text).ok());
+    let Some(train) = recipe.and_then(|recipe| recipe.train) else {
         return Ok(None);
     };
     let mut json =

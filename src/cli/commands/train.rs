@@ -287,9 +287,9 @@ pub(super) fn train(
 /// Reads the recipe's `[train]` table from the run's folder, if the recipe has one.
 pub(super) fn train_recipe(run: &Path) -> Result<Option<TrainRecipe>, Failure> {
     let path = run.join(keys::TRAIN);
-    let Ok(bytes) = render::input_file::read(&path) else {
-        return Ok(None);
-    };
+    let bytes = render::input_file::read_if_there(&path)
+        .map_err(|e| failure!(Exit::Failed, "cannot read {}: {e}", path.display()))?;
+    let Some(bytes) = bytes else { return Ok(None) };
     let recipe = serde_json::from_slice(&bytes).map_err(|e| {
         failure!(Exit::Disagrees, "{} is damaged: {e}; plan the run again", path.display())
     })?;
