@@ -145,7 +145,7 @@ impl Farm {
                 self.workers[w].busy_until = self.now + 4 * LEASE;
             }
             9 => self.pass(LEASE / 2),
-            10 => {
+            10 if self.workers[w].sleeps_until <= self.now => {
                 // A busy machine or store. Silence is noticed after two leases, and ends before two more.
                 self.note(|| format!("the lease keeper of worker {w} sleeps"));
                 self.workers[w].sleeps_until = self.now + LEASE * 7 / 2;
