@@ -127,7 +127,7 @@ fn measure_alone(
     Ok(())
 }
 
-/// Removes the killed worker's records, because of which the next worker would trace their scenes in a child process.
+/// Removes the records of killed workers. With them, the next worker would trace their scenes in a child process.
 fn forget_attempts(folder: &Path) {
     let _ = std::fs::remove_dir_all(folder.join(crate::run::keys::ATTEMPTS));
 }
