@@ -198,11 +198,13 @@ pub(super) struct ServerArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum SplitName {
-    /// Scenes on which networks are not trained.
+    /// Scenes for the final scores.
     Test,
+    /// Scenes that choose among checkpoints.
+    Validation,
     /// Scenes for training.
     Train,
-    /// Scenes of both splits.
+    /// Scenes of all splits.
     All,
 }
 
@@ -212,6 +214,7 @@ impl SplitName {
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Test => "test",
+            Self::Validation => "validation",
             Self::Train => "train",
             Self::All => "all",
         }
@@ -221,6 +224,7 @@ impl SplitName {
     pub(super) fn has(self, split: Split) -> bool {
         match self {
             Self::Test => split == Split::Test,
+            Self::Validation => split == Split::Validation,
             Self::Train => split == Split::Train,
             Self::All => true,
         }

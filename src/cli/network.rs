@@ -80,25 +80,15 @@ pub(super) struct Network {
     pub(super) state: CheckpointState,
 }
 
-/// Choice among a stage's checkpoints.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Which {
-    /// The best on validation scenes, or the newest if the best is unknown or unreadable.
-    Best,
-    /// The newest. Evaluation uses it, because the best was chosen by its score on scenes that evaluation also scores.
-    Newest,
-}
-
 impl Network {
     /// Opens the folder of a checkpoint, a stage or a run. `weights` is the file of VGG-19 weights, if the command line
     /// has one.
     pub(super) fn open(
         place: &Path,
-        which: Which,
         weights: Option<&str>,
         output: &Output,
     ) -> Result<Self, Failure> {
-        let checkpoint = checkpoint(place, which, output)?;
+        let checkpoint = checkpoint(place, output)?;
         let settings = &checkpoint.state.settings;
         if weights.is_some() && settings.features != FeatureSource::File {
             output.note(&format!(
@@ -129,7 +119,9 @@ impl Network {
     }
 }
 
-fn checkpoint(place: &Path, which: Which, output: &Output) -> Result<Checkpoint, Failure> {
+/// Reads the checkpoint at a place. Of several, it is the one that validation chose, or the newest without validation;
+/// scores and separated pictures therefore come from the same networks.
+fn checkpoint(place: &Path, output: &Output) -> Result<Checkpoint, Failure> {
     let is_step = |name: &str| name.starts_with("step-");
     let name = place.file_name().map(std::ffi::OsStr::to_string_lossy);
     if place.join("state.json").is_file() || (place.is_dir() && name.is_some_and(|n| is_step(&n))) {
@@ -138,9 +130,7 @@ fn checkpoint(place: &Path, which: Which, output: &Output) -> Result<Checkpoint,
     }
     let is_run = place.join(keys::SPEC).is_file();
     let folder = if is_run { stage_folder(place, Stage::Separation) } else { place.to_owned() };
-    if which == Which::Best
-        && let Some(best) = Best::read(&folder)?
-    {
+    if let Some(best) = Best::read(&folder)? {
         match Checkpoint::read(&checkpoint_folder(&folder, best.step), &Device::Cpu) {
             Ok(checkpoint) => return Ok(checkpoint),
             Err(error) => {

@@ -52,11 +52,15 @@ fn say(found: &mut Inspection, lines: &[SceneLine]) {
         facts.value("back", line.back.name());
     } else {
         let count = |split| lines.iter().filter(|line| line.split == split).count();
-        let (train, test) = (count(Split::Train), count(Split::Test));
-        let text = format!("{}: {train} train, {test} test", lines.len());
+        let counts = Split::ALL.map(|split| (split.to_string(), count(split)));
+        let of_splits = counts.iter().filter(|(_, count)| *count > 0);
+        let of_splits: Vec<String> =
+            of_splits.map(|(split, count)| format!("{count} {split}")).collect();
+        let text = format!("{}: {}", lines.len(), of_splits.join(", "));
         facts.fact("scenes", text, lines.len());
-        facts.put("train", train);
-        facts.put("test", test);
+        for (split, count) in counts {
+            facts.put(&split, count);
+        }
         if let (Some(first), Some(last)) = (lines.first(), lines.last()) {
             facts.say("ids", format!("{} to {}", first.id, last.id));
         }

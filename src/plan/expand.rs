@@ -150,6 +150,7 @@ fn geometry_params(recipe: &Recipe) -> Vec<(String, &Param)> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::recipe::SplitRecipe;
     use super::super::recipe::tests::PAPER;
     use super::super::split::tests::set;
     use super::*;
@@ -396,13 +397,16 @@ mod tests {
         fn splits_share_no_photograph_and_order_of_listing_does_not_matter(
             indoors in 0usize..20, outdoor in 0usize..20, train in 1u32..60, test in 1u32..20, seed: u64,
         ) {
-            prop_assume!(indoors + outdoor >= 4);
+            prop_assume!(indoors + outdoor >= 6);
             let mut recipe = recipe("", train, test);
             recipe.seed = seed;
+            recipe.splits.push(SplitRecipe { name: Split::Validation, ..recipe.splits[1].clone() });
             let mut sources = two_sources(indoors, outdoor);
             let lines = expand(&recipe, &sources).unwrap();
-            prop_assert_eq!(lines.len(), (train + test) as usize);
-            prop_assert!(colors(&lines, Split::Train).is_disjoint(&colors(&lines, Split::Test)));
+            prop_assert_eq!(lines.len(), (train + 2 * test) as usize);
+            let [train, validation, test] = Split::ALL.map(|split| colors(&lines, split));
+            prop_assert!(train.is_disjoint(&test) && train.is_disjoint(&validation));
+            prop_assert!(validation.is_disjoint(&test));
             sources.get_mut("diode").unwrap().reverse();
             prop_assert_eq!(expand(&recipe, &sources).unwrap(), lines);
         }

@@ -200,11 +200,11 @@ impl Default for BackRecipe {
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SplitRecipe {
-    /// `train` or `test`.
+    /// `train`, `validation` or `test`.
     pub name: Split,
     /// Number of scenes by source, or by two sources as `FRONT/BACK`.
     pub pairs: BTreeMap<String, u32>,
-    /// Relative share of each source's photographs in this split. Default 0.9 for `train`, 0.1 for `test`. The
+    /// Relative share of each source's photographs in this split. Default 0.9 for `train`, 0.1 for the others. The
     /// only split that uses a source gets all photographs of the source.
     pub photographs: Option<f64>,
 }
@@ -214,7 +214,7 @@ impl SplitRecipe {
     pub(crate) fn photographs(&self) -> f64 {
         self.photographs.unwrap_or(match self.name {
             Split::Train => 0.9,
-            Split::Test => 0.1,
+            Split::Validation | Split::Test => 0.1,
         })
     }
 }

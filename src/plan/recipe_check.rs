@@ -269,7 +269,7 @@ mod tests {
             (
                 "name = \"test\"",
                 "name = \"val\"",
-                "unknown variant `val`, expected `train` or `test`",
+                "unknown variant `val`, expected one of `train`, `validation`, `test`",
             ),
             (
                 "diode = 120",

@@ -42,17 +42,19 @@ fn stage(folder: &Path, title: &str, columns: &str) -> Option<Markup> {
             return Some(html! { h3 { (title) } (bad) });
         }
     };
+    let validation = column(&csv, "validation_psnr_db");
+    let shown = if validation.is_empty() { "training" } else { "validation" };
     Some(html! {
         h3 { (title) }
         div.plots.wide {
             (curve("loss", "", &column(&csv, "total")))
-            (curve("PSNR on validation scenes", "dB", &column(&csv, "validation_psnr_db")))
+            @if !validation.is_empty() { (curve("PSNR on validation scenes", "dB", &validation)) }
         }
         @if let Some((step, png)) = newest_picture(folder) {
             (grid(
                 &png,
-                &format!("Outputs of the networks for validation scenes at step {step}"),
-                &format!("Validation scenes at step {step}: {columns}. * marks outputs of the networks."),
+                &format!("Outputs of the networks for {shown} scenes at step {step}"),
+                &format!("Scenes of the {shown} split at step {step}: {columns}. * marks outputs of the networks."),
             ))
         }
     })

@@ -23,8 +23,12 @@ pub struct Origin {
     pub vgg_blake3: Option<String>,
     /// Digest of the train scenes in the manifest's order.
     pub scenes_blake3: String,
-    /// Digest of the names of the real pairs, if any.
+    /// Digest of the names of the real pairs, in checkpoints of the first version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub real_blake3: Option<String>,
+    /// Digest of the names and files of the real pairs, if any.
+    #[serde(default)]
+    pub real_files_blake3: Option<String>,
     /// Step and model digest of the backtrack checkpoint that the separation stage started with.
     pub backtrack: Option<(u64, String)>,
 }

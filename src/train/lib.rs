@@ -6,7 +6,7 @@
 //!
 //! ops/              operations that candle computes slowly or with wrong gradients
 //! vgg, vgg_file     frozen features of images           checkpoint    a folder per step, written atomically
-//! generator         architecture of SP-net and BT-net   metrics, events, picture    logs of training
+//! generator         architecture of SP-net and BT-net   logs, metrics, events, picture    logs of training
 //! discriminator     conditional PatchGAN                inference     networks on images of any size
 //! loss, adam        losses and optimiser                separator     the networks of a checkpoint
 //! random            random numbers of seed and name     srgb_planes   pixels as planes
@@ -31,6 +31,7 @@ mod generator;
 mod inference;
 mod learner;
 mod loader;
+mod logs;
 mod loss;
 mod metrics;
 pub mod mixture;
@@ -74,7 +75,7 @@ pub use random::Stream;
 pub use run::{Pace, TrainSummary, Training, run};
 pub use scoring::Tiled;
 pub use separator::{Separator, SeparatorError};
-pub use session::{Best, Schedule, Session, Trained, Watcher};
+pub use session::{Best, ChosenOn, Schedule, Session, Trained, Watcher};
 pub use source::{
     Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleFilesError, TupleSource,
 };

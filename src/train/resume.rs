@@ -9,6 +9,7 @@ use super::vgg::Vgg;
 use candle_core::Device;
 use compose::Pair;
 use plan::{Stage, TrainSettings};
+use rayon::prelude::*;
 use render::folder_lock::FolderLock;
 use render::line::SceneLine;
 use render::shard::scene_digest;
@@ -111,15 +112,15 @@ impl Beginning {
             }
             (None, None) => None,
         };
-        let names = pairs.iter().map(|pair| pair.name.clone());
         let origin = Origin {
             vgg_blake3,
             scenes_blake3: digest_of(lines.iter().map(scene_digest)),
-            real_blake3: (!pairs.is_empty()).then(|| digest_of(names)),
+            real_blake3: None,
+            real_files_blake3: digest_of_pairs(pairs)?,
             backtrack,
         };
         if let Some(own) = &self.own {
-            check_origin(own, &origin)?;
+            check_origin(own, &origin, pairs)?;
             if own.state.code_path != code_path() {
                 watcher.warning(&format!(
                     "the checkpoint was computed with {} instructions, but this machine has {}: the last bits will differ",
@@ -155,11 +156,18 @@ impl Beginning {
 
 const VGG: &str = "VGG-19's weights";
 
-fn check_origin(own: &Checkpoint, origin: &Origin) -> Result<(), TrainError> {
+fn check_origin(own: &Checkpoint, origin: &Origin, pairs: &[Pair]) -> Result<(), TrainError> {
     let was = &own.state.origin;
+    let is_other_real = match &was.real_blake3 {
+        Some(of_names) => {
+            let names = pairs.iter().map(|pair| pair.name.clone());
+            *of_names != digest_of(names)
+        }
+        None => was.real_files_blake3 != origin.real_files_blake3,
+    };
     let changed = if was.scenes_blake3 != origin.scenes_blake3 {
         "the run's train scenes"
-    } else if was.real_blake3 != origin.real_blake3 {
+    } else if is_other_real {
         "the real pairs"
     } else if was.vgg_blake3 != origin.vgg_blake3 {
         VGG
@@ -171,6 +179,26 @@ fn check_origin(own: &Checkpoint, origin: &Origin) -> Result<(), TrainError> {
 
 fn other_origin(changed: &'static str, checkpoint: &Checkpoint) -> TrainError {
     TrainError::OtherOrigin { changed, checkpoint: checkpoint.path.clone() }
+}
+
+/// Digests the names and files of real pairs; returns `None` without pairs.
+fn digest_of_pairs(pairs: &[Pair]) -> Result<Option<String>, TrainError> {
+    let digest = |pair: &Pair| -> Result<String, TrainError> {
+        let mut text = pair.name.clone();
+        let layers = [Some(&pair.blended), Some(&pair.transmission)];
+        for path in
+            layers.into_iter().chain([pair.reflection.as_ref(), pair.clean_reflection.as_ref()])
+        {
+            text.push('\t');
+            let Some(path) = path else { continue };
+            let bytes = render::input_file::read(path)
+                .map_err(|source| TrainError::Read { path: path.clone(), source })?;
+            text += blake3::hash(&bytes).to_hex().as_str();
+        }
+        Ok(text)
+    };
+    let digests: Result<Vec<String>, TrainError> = pairs.par_iter().map(digest).collect();
+    Ok((!pairs.is_empty()).then_some(digest_of(digests?.into_iter())))
 }
 
 fn digest_of(parts: impl Iterator<Item = String>) -> String {

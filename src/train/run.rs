@@ -6,7 +6,7 @@ use super::example::Example;
 use super::example_sampler::{ExampleSampler, SceneSource};
 use super::loader::Loader;
 use super::resume::{Beginning, lock};
-use super::session::{Best, Schedule, Session, Trained, Watcher};
+use super::session::{Best, Checks, MOST_SHOWN, Schedule, Session, Trained, Watcher};
 use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleSource};
 use super::vgg_file::Features;
 use candle_core::Device;
@@ -34,7 +34,7 @@ pub struct Training<'a> {
     pub stage: Stage,
     /// Total number of steps, including those of earlier calls.
     pub steps: u64,
-    /// Scenes of the run: split `train` for training, `test` for validation.
+    /// Scenes of the run. Training reads the splits `train` and `validation`, and never `test`.
     pub scenes: &'a [SceneLine],
     pub tuples: Arc<dyn TupleFiles>,
     /// Named folders of the photographs, for mixtures.
@@ -51,7 +51,7 @@ pub struct Training<'a> {
     pub checkpoint_every: Option<u64>,
     /// Number of newest checkpoints to keep; the best is also kept.
     pub keep: usize,
-    /// Largest number of validation scenes.
+    /// Largest number of validation scenes. Without any, every checkpoint counts the same and none is the best.
     pub validate: usize,
     /// Number of steps between grids of pictures; 0 for no grids, `None` for a grid per checkpoint.
     pub pictures_every: Option<u64>,
@@ -157,7 +157,9 @@ pub fn run(
     clear(&folder).map_err(|source| WriteError { path: folder.clone(), source })?;
     if let Some(own) = &beginning.own {
         // The process that wrote the checkpoint may have ended before it updated `best.json`.
-        Best::note(&folder, own.state.step, own.state.validation_psnr_db)?;
+        if training.scenes.iter().any(|line| line.split == Split::Validation) {
+            Best::note(&folder, own.state.step, own.state.validation_psnr_db)?;
+        }
         // Nor removed old checkpoints. If newer ones are damaged, the old ones stay.
         let newest =
             steps(&folder).map_err(|source| TrainError::Read { path: folder.clone(), source })?;
@@ -180,6 +182,11 @@ pub fn run(
         return Ok(summary);
     }
     let validation = validation(&training, &settings)?;
+    let shown = if validation.is_empty() {
+        first_examples(&training, &settings, Split::Train, MOST_SHOWN)?
+    } else {
+        Vec::new()
+    };
     let schedule = schedule(&training);
     let steps = beginning.step()..schedule.until;
     let mut session = Session::new(
@@ -187,7 +194,7 @@ pub fn run(
         learner,
         settings.clone(),
         origin,
-        validation,
+        Checks { validation, shown },
         beginning.own.as_ref(),
     )?;
     let (stop_sender, stopped) = bounded(0);
@@ -264,16 +271,26 @@ fn schedule(training: &Training) -> Schedule {
     }
 }
 
-/// Reads whole images of the first `training.validate` test scenes that have a tuple.
+/// Reads whole images of the first `training.validate` scenes of the split `validation` that have a tuple.
 fn validation(training: &Training, settings: &TrainSettings) -> Result<Vec<Example>, ExampleError> {
+    first_examples(training, settings, Split::Validation, training.validate)
+}
+
+/// Reads whole images of the first `most` scenes of a split that have a tuple.
+fn first_examples(
+    training: &Training,
+    settings: &TrainSettings,
+    split: Split,
+    most: usize,
+) -> Result<Vec<Example>, ExampleError> {
     let source = TupleSource {
         files: Arc::clone(&training.tuples),
-        lines: of_split(training.scenes, Split::Test),
+        lines: of_split(training.scenes, split),
         pixels: settings.pixels,
     };
     let mut examples = Vec::new();
     for index in 0..source.lines.len() {
-        if examples.len() >= training.validate {
+        if examples.len() >= most {
             break;
         }
         if let Some(Base::Example(example)) = source.read(index)? {

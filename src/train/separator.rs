@@ -128,6 +128,7 @@ mod tests {
             vgg_blake3: None,
             scenes_blake3: String::new(),
             real_blake3: None,
+            real_files_blake3: None,
             backtrack: None,
         };
         let path = write_checkpoint(folder, 3, &learner, settings, &origin, None).unwrap();

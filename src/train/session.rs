@@ -5,11 +5,10 @@ use super::checkpoint::{
     Checkpoint, CheckpointError, CheckpointState, Origin, prune, write_checkpoint,
 };
 use super::error::TrainError;
-use super::events::EventFile;
 use super::example::Example;
 use super::learner::{Learner, StepLosses};
 use super::loader::Loader;
-use super::metrics::Metrics;
+use super::logs::{Logged, Logs};
 use super::picture::{Grid, Picture, picture_grid};
 use super::source::ExampleError;
 use compose::psnr_colour_db;
@@ -23,6 +22,9 @@ use std::time::Instant;
 
 /// Largest PSNR of a picture in the mean, dB. It keeps the mean finite when pictures are equal.
 const MOST_DB: f64 = 100.0;
+
+/// Largest number of rows of a grid of pictures.
+pub(super) const MOST_SHOWN: usize = 4;
 
 /// The last step, and the settings of checkpoints and pictures, which do not change the weights.
 #[derive(Clone, Copy, Debug)]
@@ -83,8 +85,18 @@ pub struct Trained {
 pub struct Best {
     /// Step of the checkpoint.
     pub step: u64,
-    /// Mean PSNR of the validation scenes, dB.
+    /// Mean PSNR of the validation pictures, dB.
     pub validation_psnr_db: f64,
+    pub chosen_on: ChosenOn,
+}
+
+/// Pictures that choose the best checkpoint. Files of the first version lack this field and are ignored, because that
+/// version chose on the split `test`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ChosenOn {
+    /// Scenes of the split `validation`.
+    Validation,
 }
 
 impl Best {
@@ -97,7 +109,7 @@ impl Best {
         }
     }
 
-    /// Updates `best.json` if the checkpoint of `step`, with this PSNR of the validation scenes, is better.
+    /// Updates `best.json` if the checkpoint of `step`, with this PSNR of the validation pictures, is better.
     pub(super) fn note(
         stage_folder: &Path,
         step: u64,
@@ -108,9 +120,25 @@ impl Best {
         else {
             return Ok(());
         };
-        let json = serde_json::to_vec(&Self { step, validation_psnr_db });
+        let chosen_on = ChosenOn::Validation;
+        let json = serde_json::to_vec(&Self { step, validation_psnr_db, chosen_on });
         let json = json.map_err(candle_core::Error::wrap)?;
         Ok(atomic_file::write(&stage_folder.join("best.json"), &json)?)
+    }
+}
+
+/// Whole images on which a session shows and measures its networks.
+pub struct Checks {
+    /// Images whose mean PSNR chooses the best checkpoint.
+    pub validation: Vec<Example>,
+    /// Training images for the grids of pictures; empty if there are validation images.
+    pub shown: Vec<Example>,
+}
+
+impl Checks {
+    /// Returns the name of the grids in the events.
+    fn tag(&self) -> &'static str {
+        if self.validation.is_empty() { "training" } else { "validation" }
     }
 }
 
@@ -119,8 +147,7 @@ pub struct Session {
     learner: Learner,
     settings: TrainSettings,
     origin: Origin,
-    /// Whole images for validation.
-    validation: Vec<Example>,
+    checks: Checks,
     /// First example of the session, with which each checkpoint's networks are tried.
     probe: Option<Example>,
     step: u64,
@@ -141,7 +168,7 @@ impl Session {
         mut learner: Learner,
         settings: TrainSettings,
         origin: Origin,
-        validation: Vec<Example>,
+        checks: Checks,
         from: Option<&Checkpoint>,
     ) -> Result<Self, TrainError> {
         let mut last = None;
@@ -166,7 +193,7 @@ impl Session {
             learner,
             settings,
             origin,
-            validation,
+            checks,
             probe: None,
         })
     }
@@ -180,10 +207,7 @@ impl Session {
         stop: &AtomicBool,
     ) -> Result<Trained, TrainError> {
         atomic_file::create_dir(&self.folder)?;
-        let write_error = |path: PathBuf| move |source| WriteError { path, source };
-        let csv = self.folder.join("metrics.csv");
-        let mut metrics = Metrics::open(&csv, self.step).map_err(write_error(csv.clone()))?;
-        let mut events = EventFile::create(&self.folder, self.step)?;
+        let mut logs = Logs::open(&self.folder, self.step)?;
         let (mut taken, mut loss, mut busy_s) = (0, None, 0.0);
         let mut stopped = false;
         while self.step < schedule.until {
@@ -200,7 +224,7 @@ impl Session {
                 }
                 Some(Err(error)) => {
                     // A checkpoint saves the steps so far.
-                    self.write_rest(&metrics, &events, schedule, watcher)?;
+                    self.write_rest(&logs, schedule, watcher)?;
                     return Err(error.into());
                 }
             };
@@ -221,35 +245,27 @@ impl Session {
             let is_due = self.step.is_multiple_of(schedule.checkpoint_every.max(1))
                 || self.step == schedule.until;
             let validated = if is_due { self.try_and_validate()? } else { None };
-            metrics.add(self.step, &losses, validated, wall_s).map_err(write_error(csv.clone()))?;
-            let mut numbers: Vec<(&str, f32)> = vec![("loss/total", losses.total)];
-            let tags: Vec<String> =
-                losses.terms.iter().map(|t| format!("loss/{}", t.name)).collect();
-            let terms = tags.iter().zip(&losses.terms);
-            numbers.extend(terms.map(|(tag, term)| (tag.as_str(), term.value)));
-            numbers.extend(losses.discriminator.map(|v| ("loss/discriminator", v)));
-            numbers.extend(validated.map(|v| ("validation/psnr_db", v as f32)));
-            numbers.push(("speed/images_per_s", (examples.len() as f64 / wall_s) as f32));
-            events.scalars(self.step, &numbers).map_err(write_error(events.path.clone()))?;
-            if schedule.has_pictures(self.step)
-                && let Some(Grid { png, size }) = self.pictures()?
-            {
-                let folder = self.folder.join("pictures");
-                atomic_file::create_dir(&folder)?;
-                atomic_file::write(&folder.join(format!("step-{:07}.png", self.step)), &png)?;
-                let added = events.picture(self.step, "validation", size, &png);
-                added.map_err(write_error(events.path.clone()))?;
+            let logged = Logged {
+                step: self.step,
+                validation_psnr_db: validated,
+                wall_s,
+                examples: examples.len(),
+            };
+            if let Err(error) = self.log(&mut logs, &logged, &losses, schedule) {
+                // The step is not lost, because resumed training does not repeat it; its line in a log may be.
+                self.write(validated, schedule, watcher)?;
+                return Err(error);
             }
             if is_due {
                 // All other files of the step become durable first, because resumed training does not repeat the steps
                 // before a checkpoint.
-                metrics.sync().map_err(write_error(csv.clone()))?;
-                events.sync().map_err(write_error(events.path.clone()))?;
+                let synced = logs.sync();
                 self.write(validated, schedule, watcher)?;
+                synced?;
             }
             watcher.step(self.step, &losses, wall_s);
         }
-        self.write_rest(&metrics, &events, schedule, watcher)?;
+        self.write_rest(&logs, schedule, watcher)?;
         Ok(Trained {
             step: self.step,
             taken,
@@ -261,23 +277,37 @@ impl Session {
         })
     }
 
+    /// Adds a step to the logs, with pictures if they are due.
+    fn log(
+        &self,
+        logs: &mut Logs,
+        logged: &Logged,
+        losses: &StepLosses,
+        schedule: &Schedule,
+    ) -> Result<(), TrainError> {
+        logs.step(logged, losses)?;
+        if schedule.has_pictures(self.step)
+            && let Some(grid) = self.pictures()?
+        {
+            logs.pictures(self.step, self.checks.tag(), &grid)?;
+        }
+        Ok(())
+    }
+
     /// Writes a checkpoint if the last one is older than the last step.
     fn write_rest(
         &mut self,
-        metrics: &Metrics,
-        events: &EventFile,
+        logs: &Logs,
         schedule: &Schedule,
         watcher: &mut dyn Watcher,
     ) -> Result<(), TrainError> {
         if self.step == self.last.as_ref().map_or(0, |last| last.step) {
             return Ok(());
         }
-        let path = self.folder.join("metrics.csv");
-        metrics.sync().map_err(|source| WriteError { path, source })?;
-        let failed = |source| WriteError { path: events.path.clone(), source };
-        events.sync().map_err(failed)?;
+        let synced = logs.sync();
         let psnr = self.try_and_validate()?;
-        self.write(psnr, schedule, watcher)
+        self.write(psnr, schedule, watcher)?;
+        Ok(synced?)
     }
 
     /// Writes a checkpoint, updates `best.json` and removes old checkpoints.
@@ -333,7 +363,7 @@ impl Session {
     fn validate(&self) -> Result<Option<f64>, TrainError> {
         let mut sum = 0.0;
         let mut count = 0u32;
-        for example in &self.validation {
+        for example in &self.checks.validation {
             let pictures = self.made(example)?;
             let [_, made, truth, ..] = &pictures[..] else {
                 continue;
@@ -381,7 +411,8 @@ impl Session {
     /// Draws a PNG with a row per image, at most four: I, T*, T, R~*, R~, R*, R; in the backtrack stage R~, R*, R.
     fn pictures(&self) -> Result<Option<Grid>, TrainError> {
         let mut rows = Vec::new();
-        for example in self.validation.iter().take(4) {
+        let shown = self.checks.validation.iter().chain(&self.checks.shown);
+        for example in shown.take(MOST_SHOWN) {
             rows.extend(Some(self.made(example)?).filter(|pictures| !pictures.is_empty()));
         }
         if rows.is_empty() {

@@ -126,3 +126,45 @@ fn failing_calls_are_reported_and_change_no_result() {
 fn every_failing_call_is_reported_and_changes_no_result() {
     fail(12, 5, 60);
 }
+
+/// Trains nine steps without a checkpoint in between, with `options` of strace.
+fn train_nine(options: &[&str], folder: &Path) -> std::process::Output {
+    let line = "train run --stage backtrack --steps 9 --checkpoint-every 100 --keep 9 -j 1";
+    let arguments: Vec<&str> = line.split(' ').collect();
+    traced(options, folder, &arguments).output().unwrap()
+}
+
+#[test]
+fn a_line_of_metrics_that_cannot_be_written_loses_no_step() {
+    if !can_trace() {
+        return;
+    }
+    let phase = phases().iter().find(|phase| phase.name == "checkpoint").unwrap();
+    let [whole, failing] = [(); 2].map(|()| {
+        let folder = scratch();
+        put_tree(&phase.journal.before.tree(), folder.path());
+        folder
+    });
+    let quiet = ["-e", "trace=fsync", "-o", "/dev/null"];
+    assert!(train_nine(&quiet, whole.path()).status.success());
+    let stage = failing.path().join("run/train/backtrack");
+    let metrics = stage.join("metrics.csv");
+    let log = failing.path().join("log");
+    let options = ["-P", metrics.to_str().unwrap(), "-e", "trace=write", "-e"];
+    let inject = ["inject=write:error=ENOSPC:when=4", "-o", log.to_str().unwrap()];
+    let ended = train_nine(&[&options[..], &inject[..]].concat(), failing.path());
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(1), "{said}");
+    assert!(said.contains("metrics.csv") && said.contains("No space left"), "{said}");
+    assert!(stage.join("step-0000004/state.json").exists(), "{said}");
+    // The next call takes the other five steps, to the same bits.
+    assert!(train_nine(&quiet, failing.path()).status.success());
+    let lines = std::fs::read_to_string(&metrics).unwrap();
+    let steps: Vec<&str> = lines.lines().skip(1).filter_map(|l| l.split(',').next()).collect();
+    assert_eq!(steps, ["1", "2", "3", "5", "6", "7", "8", "9"]);
+    let model = |folder: &Path| {
+        let model = "run/train/backtrack/step-0000009/model.safetensors";
+        std::fs::read(folder.join(model)).unwrap()
+    };
+    assert!(model(whole.path()) == model(failing.path()));
+}

@@ -34,7 +34,7 @@ crop_px = 32
 name = "train"
 pairs = { sample = 2 }
 [[split]]
-name = "test"
+name = "validation"
 pairs = { sample = 1 }
 "#;
 

@@ -83,7 +83,7 @@ fn of_a_run(files: &mut Files) {
         "runs/smoke/manifest.jsonl",
         "manifest",
         whole,
-        &["1 train, 1 test", "glass.tilt_deg yaw", "the one in spec.json"],
+        &["1 train, 1 validation, 1 test", "glass.tilt_deg yaw", "the one in spec.json"],
     );
     files.is("manifests/smoke.toml", "recipe", unknown, &["seed", "sample", "plan RECIPE"]);
     files.is("scene.json", "scene", unknown, &["one, split train", "a.png"]);

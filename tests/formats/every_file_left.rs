@@ -76,7 +76,12 @@ pub(crate) fn of_a_training(files: &mut Files) {
         unknown,
         &["2 rows", "columns step, total"],
     );
-    files.is(&format!("{stage}/best.json"), "best", unknown, &["step", "validation psnr db"]);
+    files.is(
+        &format!("{stage}/best.json"),
+        "best",
+        unknown,
+        &["step", "validation psnr db", "chosen on"],
+    );
     let events = std::fs::read_dir(files.folder.path().join(stage)).unwrap();
     let events = events.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let events = events.into_iter().find(|name| name.starts_with("events.")).unwrap();

@@ -20,12 +20,15 @@ height = 48
 spp = 4
 [sources.sample]
 layout = "sample"
-count = 8
+count = 12
 width = 128
 height = 96
 [[split]]
 name = "train"
 pairs = { sample = 4 }
+[[split]]
+name = "validation"
+pairs = { sample = 1 }
 [[split]]
 name = "test"
 pairs = { sample = 2 }
@@ -349,7 +352,15 @@ fn real_pairs_and_mixtures_of_photographs_are_examples() {
     let known: Vec<bool> =
         csv.lines().skip(1).map(|l| !l.split(',').nth(4).unwrap().is_empty()).collect();
     assert_eq!(known.iter().filter(|k| **k).count(), 3, "{csv}");
-    // A changed set of pairs is refused.
+    // A changed pixel of a pair is refused, and so is a changed set of pairs.
+    let first = real.join("blended/0.png");
+    let published = std::fs::read(&first).unwrap();
+    let mut picture = image::open(&first).unwrap().into_rgb8();
+    picture.get_pixel_mut(3, 2).0[0] ^= 1;
+    picture.save(&first).unwrap();
+    run(&place.arguments("separation", "8", &more)).expect(5).says(&["real pairs"]);
+    std::fs::write(&first, published).unwrap();
+    assert_eq!(place.train("separation", "7", &more)["steps_taken"], 1);
     for folder in ["blended", "transmission_layer"] {
         std::fs::remove_file(real.join(folder).join("0.png")).unwrap();
     }
@@ -403,4 +414,25 @@ fn tensorboard_reads_the_events() {
     let read = python(&["-c", reader, text(&folder)]).unwrap();
     let said = String::from_utf8(read.stdout).unwrap();
     assert_eq!(said.trim(), "12 12 ['validation']", "{}", String::from_utf8_lossy(&read.stderr));
+}
+
+#[test]
+fn features_and_batches_keep_the_bits_through_kills() {
+    let more = small(&["--features", "random", "--vgg-divisor", "32", "--batch", "2", "-j", "1"]);
+    let [whole, killed] = [(); 2].map(|()| place());
+    whole.train("backtrack", "3", &more);
+    whole.train("separation", "16", &["-j", "1"]);
+    killed.train("backtrack", "3", &more);
+    let mut kills = 0;
+    for step in [2, 7] {
+        let often = ["--checkpoint-every", "1", "-j", "2", "-q"];
+        let mut child = command(&killed.arguments("separation", "16", &often)).spawn().unwrap();
+        let state = killed.folder_of("separation", step).join("state.json");
+        wait_until(&mut child, || state.exists());
+        child.kill().unwrap();
+        kills += u32::from(child.wait().unwrap().signal() == Some(9));
+    }
+    assert!(kills > 0, "training always ended before the test killed it");
+    killed.train("separation", "16", &[]);
+    assert!(killed.checkpoint("separation", 16) == whole.checkpoint("separation", 16));
 }

@@ -2,7 +2,7 @@
 
 use crate::cli::args::{Global, SplitName};
 use crate::cli::exit_code::{Exit, Failure, failure};
-use crate::cli::network::{Network, NetworkArgs, TILE_PX, Which, use_threads};
+use crate::cli::network::{Network, NetworkArgs, TILE_PX, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
@@ -29,8 +29,8 @@ pub(super) struct EvaluateArgs {
     /// Folder of a run, or of pairs in blended/ and transmission_layer/, or in the folders of SIR2 or CEILNet
     #[arg(value_name = "RUN|DIR")]
     place: PathBuf,
-    /// Network to score: folder of a checkpoint, or of a stage or run (for its newest checkpoint), after an optional
-    /// row name [default: stage and step]; repeatable [default: the run's newest SP-net]
+    /// Network to score: folder of a checkpoint, or of a stage or run (for its best checkpoint or, without validation, its newest), after an optional
+    /// row name [default: stage and step]; repeatable [default: the SP-net of the run]
     #[arg(long = "checkpoint", value_name = "[NAME=]FOLDER")]
     checkpoints: Vec<PathBuf>,
     /// Scenes of a run to score
@@ -76,7 +76,7 @@ impl From<ProtocolName> for Protocol {
 }
 
 impl EvaluateArgs {
-    /// Returns the arguments that score a run's newest SP-net on its test scenes.
+    /// Returns the arguments that score the SP-net of a run on its test scenes.
     pub(super) fn of_run(run: &Path) -> Self {
         Self {
             place: run.to_owned(),
@@ -106,7 +106,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Resu
     Ok(exit)
 }
 
-/// Scores a run's newest SP-net on its test scenes.
+/// Scores the SP-net of a run on its test scenes.
 pub(super) fn evaluate_run(
     run: &Path,
     global: &Global,
@@ -352,8 +352,7 @@ fn networks(
     }
     let mut networks: Vec<(String, Network)> = Vec::new();
     for (name, path) in places {
-        let network =
-            Network::open(&path, Which::Newest, args.network.features.as_deref(), output)?;
+        let network = Network::open(&path, args.network.features.as_deref(), output)?;
         let name = network.row_name(name);
         if name == "input" || networks.iter().any(|(other, _)| *other == name) {
             return Err(failure!(

@@ -12,10 +12,12 @@ use crate::export::{
     estimate_bytes, export, look,
 };
 use crate::outputs::check_place;
+use crate::run::Run;
 use clap::{Args as ClapArgs, ValueEnum};
 use render::ids::SceneId;
 use render::line::{Roots, Split, is_url};
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -102,6 +104,14 @@ impl ExportArgs {
 
 const SCHEMA: &str = "glasshouse.export/1";
 
+/// Returns the splits of a choice. Leaves out `validation` in a run without it, so that the request equals the one of an
+/// export from before this split existed.
+fn splits(run: &Run, choice: SplitName) -> BTreeSet<Split> {
+    let has_scenes = |split| run.lines.iter().any(|line| line.split == split);
+    let chosen = Split::ALL.into_iter().filter(|split| choice.has(*split));
+    chosen.filter(|&split| split != Split::Validation || has_scenes(split)).collect()
+}
+
 pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     if is_url(&args.out) {
         return Err(failure!(
@@ -112,11 +122,10 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
     }
     let store = args.store.store.as_deref();
     let (run, store) = target::open(&args.run, store, &Roots::default())?;
-    let both = [Split::Train, Split::Test].into_iter();
     let options = ExportOptions {
         format: args.format.into(),
         encoding: args.encoding(),
-        splits: both.filter(|split| args.split.has(*split)).collect(),
+        splits: splits(&run, args.split),
         shard_mb: args.shard_mb,
         partial: args.partial,
     };
@@ -128,7 +137,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
         FolderState::Empty | FolderState::Begun(_) => Some(estimate_bytes(&run, &store, &plan)?),
     };
     if global.dry_run {
-        let counts = [Split::Train, Split::Test].map(|split| {
+        let counts = Split::ALL.map(|split| {
             let scenes = plan.scenes.iter();
             let count = scenes.filter(|&&s| run.lines[s].split == split).count();
             (split, count as u64)

@@ -2,7 +2,7 @@
 
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure, failure};
-use crate::cli::network::{Network, NetworkArgs, Which, use_threads};
+use crate::cli::network::{Network, NetworkArgs, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
@@ -49,8 +49,7 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
     };
     outputs.check()?;
     use_threads(global);
-    let network =
-        Network::open(&args.checkpoint, Which::Best, args.network.features.as_deref(), output)?;
+    let network = Network::open(&args.checkpoint, args.network.features.as_deref(), output)?;
     if !global.dry_run {
         outputs.claim()?;
     }

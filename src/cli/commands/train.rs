@@ -46,7 +46,7 @@ pub(super) struct TrainArgs {
     /// Number of newest checkpoints to keep; the best is also kept
     #[arg(long, value_name = "N", default_value_t = KEEP)]
     keep: usize,
-    /// Number of scenes that validate every checkpoint: the first ones of the split "test"
+    /// Number of scenes that validate every checkpoint: the first ones of the split "validation"
     #[arg(long, value_name = "N", default_value_t = VALIDATE)]
     validate: usize,
     /// Write a grid of pictures every K steps; 0 for none [default: the value of --checkpoint-every]

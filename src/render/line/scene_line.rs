@@ -20,14 +20,22 @@ pub enum Split {
     /// Training scenes.
     #[default]
     Train,
-    /// Test scenes, which share no photograph with `train`.
+    /// Scenes that choose among the checkpoints of a training. No photograph is in two splits.
+    Validation,
+    /// Scenes for the final scores; nothing is chosen on them.
     Test,
+}
+
+impl Split {
+    /// All splits.
+    pub const ALL: [Self; 3] = [Self::Train, Self::Validation, Self::Test];
 }
 
 impl fmt::Display for Split {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Train => "train",
+            Self::Validation => "validation",
             Self::Test => "test",
         })
     }
