@@ -131,7 +131,7 @@ fn of_a_farm(files: &mut Files) {
     run_in(&folder, &["plan", "bad.jsonl", "--out", "runs/bad"]).expect(0);
     run_in(&folder, &["work", "runs/bad"]).expect(3);
     run_in(&folder, &["pause", "runs/bad", "--reason", "backup"]).expect(0);
-    files.is("bad.jsonl", "manifest", None, &["2 train, 0 test"]);
+    files.is("bad.jsonl", "manifest", None, &["2: 2 train"]);
     files.is(
         "runs/bad",
         "run",
