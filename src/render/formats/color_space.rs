@@ -118,6 +118,36 @@ impl ColorSpace {
     }
 }
 
+/// The way back from sRGB to the 8-bit codes of a colour space.
+pub(crate) struct Inverse {
+    /// Linear values of the 8-bit sRGB codes.
+    linear: [f64; 256],
+    from_rec709: Matrix,
+    /// Linear values of the codes of each channel, ascending for every usable curve.
+    tables: [Vec<f64>; 3],
+}
+
+impl Inverse {
+    pub(crate) fn of(space: &ColorSpace) -> Self {
+        Self {
+            linear: std::array::from_fn(|code| decode_srgb(code as f64 / 255.0)),
+            from_rec709: inverse(space.to_rec709),
+            tables: space.tables(255),
+        }
+    }
+
+    /// Returns the codes whose colour is nearest in each channel; colours outside of the gamut are limited to it.
+    pub(crate) fn codes(&self, srgb: &[u8]) -> [u8; 3] {
+        let linear = apply(&self.from_rec709, [0, 1, 2].map(|c| self.linear[usize::from(srgb[c])]));
+        [0, 1, 2].map(|c| {
+            let (table, value) = (&self.tables[c], linear[c]);
+            let above = table.partition_point(|v| *v < value).min(255);
+            let below = above.saturating_sub(1);
+            if value - table[below] < table[above] - value { below as u8 } else { above as u8 }
+        })
+    }
+}
+
 fn apply(m: &Matrix, v: [f64; 3]) -> [f64; 3] {
     m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }

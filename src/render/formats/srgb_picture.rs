@@ -3,6 +3,7 @@
 use super::color_space::ColorSpace;
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
+use super::icc::ColorError;
 use super::raster::{self, Raster, Samples};
 use crate::color::SrgbEncoder;
 
@@ -22,30 +23,50 @@ pub struct SrgbPicture {
 /// Applies the EXIF orientation, converts other colour spaces to sRGB (colours outside of its gamut are limited to
 /// [0, 1] in each channel), repeats grey in three channels, drops alpha, and rounds 16-bit codes to 8 bits.
 pub fn decode_srgb_picture(file: &NamedBytes) -> Result<SrgbPicture, SceneError> {
+    let raster = raster::decode(file, picture_format(file)?)?.upright();
+    srgb_picture(file, &raster)
+}
+
+/// Returns the format of a PNG or JPEG file; fails for other files.
+pub(super) fn picture_format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
     const EXPECTED: &str = "a PNG or JPEG picture";
     let format = file.format(EXPECTED)?;
-    if !matches!(format, FileFormat::Png | FileFormat::Jpeg) {
-        return Err(file.wrong_format(format!("a {} file", format.name()), EXPECTED));
+    if matches!(format, FileFormat::Png | FileFormat::Jpeg) {
+        Ok(format)
+    } else {
+        Err(file.wrong_format(format!("a {} file", format.name()), EXPECTED))
     }
-    let raster = raster::decode(file, format)?.upright();
+}
+
+/// Converts the upright pixels of a PNG or JPEG file.
+pub(super) fn srgb_picture(file: &NamedBytes, raster: &Raster) -> Result<SrgbPicture, SceneError> {
     let Raster { width, height, channels, samples, color, .. } = raster;
-    let space = color.map_err(|source| SceneError::Color { path: file.path.clone(), source })?;
-    let (rgb, is_opaque) = match (&samples, &space) {
-        (Samples::U8(codes), None) => {
-            (rgb(codes, channels, |c| c), is_opaque(codes, channels, 255))
-        }
-        (Samples::U16(codes), None) => {
-            (rgb(codes, channels, narrow), is_opaque(codes, channels, 65535))
-        }
-        (Samples::U8(codes), Some(space)) => {
-            (converted(codes, channels, space, 255), is_opaque(codes, channels, 255))
-        }
-        (Samples::U16(codes), Some(space)) => {
-            (converted(codes, channels, space, 65535), is_opaque(codes, channels, 65535))
-        }
+    let (width, height, channels) = (*width, *height, *channels);
+    let failed =
+        |source: &ColorError| SceneError::Color { path: file.path.clone(), source: source.clone() };
+    let rgb = match (samples, color.as_ref().map_err(failed)?) {
+        (_, None) => samples.rgb8(channels),
+        (Samples::U8(codes), Some(space)) => converted(codes, channels, space, 255),
+        (Samples::U16(codes), Some(space)) => converted(codes, channels, space, 65535),
         (Samples::F32(_), _) => unreachable!("PNG and JPEG hold integers"),
     };
+    let is_opaque = match samples {
+        Samples::U8(codes) => is_opaque(codes, channels, 255),
+        Samples::U16(codes) => is_opaque(codes, channels, 65535),
+        Samples::F32(_) => unreachable!("PNG and JPEG hold integers"),
+    };
     Ok(SrgbPicture { width, height, rgb, is_opaque })
+}
+
+impl Samples {
+    /// Returns red, green and blue as 8-bit codes; repeats grey and drops alpha.
+    pub(super) fn rgb8(&self, channels: usize) -> Vec<u8> {
+        match self {
+            Self::U8(codes) => rgb(codes, channels, |c| c),
+            Self::U16(codes) => rgb(codes, channels, narrow),
+            Self::F32(_) => unreachable!("PNG and JPEG hold integers"),
+        }
+    }
 }
 
 /// Rounds a 16-bit code to 8 bits. The 8-bit code c and the 16-bit code 257 c have the same value.
