@@ -32,4 +32,8 @@ pub enum EvaluateError {
         path.display()
     )]
     NoPairs { path: PathBuf, left_out_count: usize },
+    #[error("{image} was readable at first, but not again: {reason}; run the command again")]
+    Changed { image: String, reason: String },
+    #[error("cannot use the index {}: {reason}", path.display())]
+    Index { path: PathBuf, reason: String },
 }

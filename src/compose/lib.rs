@@ -1,44 +1,64 @@
 //! Evaluates networks: finds, reads, scores and tabulates pictures with ground truth.
 //!
 //! ```text
-//! folders -> layout, pairs (pictures and their truths) -> picture (8-bit RGB) -> a network -> gain, score -> table
-//!                                                               `-> align (shift between picture and truth)
+//! folders, index -> pairs (pictures and their truths) -> picture (8-bit RGB) -> lanczos -> methods -> score -> summary -> table
+//!                                                                                `-> align (shift between picture and truth)
+//! training examples -> fit (factor, veil rule) -> methods
 //! ```
 //!
-//! [`run`] scores all pictures of a [`Subject`] (a folder of pairs, or the scenes of a run) for every [`Method`].
+//! [`run`] scores all pictures of a [`Subject`] (a folder of pairs, an index, or the scenes of a run) for every
+//! [`Method`]: the unchanged input, the [`Rules`] that a network must beat, oracles that know the truth, networks, and
+//! folders of outputs.
 //!
 //! Papers use different protocols, and their scores are not comparable; `score` computes scores by two protocols. The
 //! two photographs of a real pair are not simultaneous, so some pairs are misaligned: `align` finds these pairs, and
 //! tables have means with and without them.
 //!
-//! Only `pairs` and `picture` access files.
+//! Only `index`, `outputs`, `pairs` and `picture` access files.
 
 mod align;
+mod bootstrap;
+mod code_sums;
 mod error;
-mod fit_gain;
-mod gain;
+mod factor;
+mod fit;
+mod index;
+mod lanczos;
 mod layout;
-mod means;
+mod markdown;
+mod method;
+mod outputs;
 mod pairs;
+mod per_image;
 mod picture;
 mod run;
 mod score;
 mod ssim;
 mod subject;
+mod summary;
 mod table;
+mod veil;
 
 pub use align::{MAX_ALIGNED_SHIFT_PX, Shift, shift_px};
+pub use bootstrap::Interval;
 pub use error::EvaluateError;
-pub use fit_gain::{Gain, fit_gain};
-pub use gain::{apply_gain, best_gain};
-pub use means::{Means, MethodMeans};
+pub use factor::{Factor, own_best_factor};
+pub use fit::{Baselines, Rules, fit_baselines};
+pub use index::{IndexedPairs, read_index};
+pub use lanczos::{resize, shrink_to, shrunk_size_px};
+pub use markdown::markdown_table;
+pub use method::{GROUP_FACTOR, Given, Method, OWN_FACTOR, Unmade, row_names};
+pub use outputs::OutputFolder;
 pub use pairs::{Found, Pair, find_pairs};
+pub use per_image::{Row, per_image_csv};
 pub use picture::{decode_picture, read_picture};
-pub use run::{Method, Scored, run};
+pub use run::{Scored, Setting, run};
 pub use score::{Scores, psnr_colour_db, score};
 pub use ssim::ssim_grey;
 pub use subject::{LeftOut, Subject, Unread, WithTruth};
-pub use table::{Protocol, Row, markdown_table, means_table, per_image_csv};
+pub use summary::{ALL, INPUT, MethodSummary, Summary, groups, summaries};
+pub use table::{Protocol, means_tables};
+pub use veil::VeilRule;
 
 #[cfg(test)]
 mod tests;

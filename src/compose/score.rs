@@ -8,6 +8,7 @@
 //! Both protocols use a range of 255 and the SSIM of [`ssim_grey`] (scikit-image's defaults).
 
 use super::EvaluateError;
+use super::factor::own_best_factor;
 use crate::ssim_grey;
 use image::{Rgb, RgbImage};
 use serde::{Serialize, Serializer};
@@ -19,6 +20,9 @@ pub struct Scores {
     /// Paper protocol: PSNR of all samples of all channels together, dB.
     #[serde(serialize_with = "number")]
     pub psnr_colour_db: f64,
+    /// The same after the picture's own best factor of linear light, 0.30 to 2.00 in steps of 0.01.
+    #[serde(serialize_with = "number")]
+    pub psnr_own_factor_db: f64,
     /// Paper protocol: SSIM of the pictures in 8-bit grey.
     #[serde(serialize_with = "number")]
     pub ssim_grey: f64,
@@ -30,11 +34,11 @@ pub struct Scores {
     pub ssim_channels: f64,
 }
 
-/// Writes infinity as `inf`, because JSON has no infinite numbers.
+/// Writes infinity as `inf` or `-inf`, because JSON has no infinite numbers.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde requires a reference")]
-fn number<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+pub(super) fn number<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
     if value.is_infinite() {
-        serializer.serialize_str("inf")
+        serializer.serialize_str(if *value > 0.0 { "inf" } else { "-inf" })
     } else {
         serializer.serialize_f64(*value)
     }
@@ -46,6 +50,7 @@ impl Scores {
         let mean = |of: fn(&Self) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
         Self {
             psnr_colour_db: mean(|s| s.psnr_colour_db),
+            psnr_own_factor_db: mean(|s| s.psnr_own_factor_db),
             ssim_grey: mean(|s| s.ssim_grey),
             psnr_channels_db: mean(|s| s.psnr_channels_db),
             ssim_channels: mean(|s| s.ssim_channels),
@@ -66,6 +71,7 @@ pub fn score(output: &RgbImage, truth: &RgbImage) -> Result<Scores, EvaluateErro
     let channel_ssims = [0, 1, 2].map(|c| ssim(&|image| channel(image, c)));
     Ok(Scores {
         psnr_colour_db: psnr_colour_db(output, truth)?,
+        psnr_own_factor_db: own_best_factor(output, truth)?.1,
         ssim_grey: ssim(&grey),
         psnr_channels_db: channel_psnrs_db.iter().sum::<f64>() / 3.0,
         ssim_channels: channel_ssims.iter().sum::<f64>() / 3.0,
@@ -142,6 +148,7 @@ mod tests {
         // tests/train/scores.py makes the numbers.
         let expected = Scores {
             psnr_colour_db: 23.572_454_967_125_847,
+            psnr_own_factor_db: 23.834_986_278_751_863,
             ssim_grey: 0.968_866_613_728_260_6,
             psnr_channels_db: 23.573_709_776_179_1,
             ssim_channels: 0.967_506_967_104_718_2,
@@ -150,6 +157,7 @@ mod tests {
         let found = score(&output, &truth).unwrap();
         let off = [
             found.psnr_colour_db - expected.psnr_colour_db,
+            found.psnr_own_factor_db - expected.psnr_own_factor_db,
             found.ssim_grey - expected.ssim_grey,
             found.psnr_channels_db - expected.psnr_channels_db,
             found.ssim_channels - expected.ssim_channels,
@@ -162,6 +170,7 @@ mod tests {
         let (picture, other) = pictures();
         let scores = score(&picture, &picture).unwrap();
         assert_eq!(scores.psnr_colour_db, f64::INFINITY);
+        assert_eq!(scores.psnr_own_factor_db, f64::INFINITY);
         assert_eq!(scores.psnr_channels_db, f64::INFINITY);
         assert!((scores.ssim_grey - 1.0).abs() < 1e-12);
         assert!((scores.ssim_channels - 1.0).abs() < 1e-12);

@@ -1,28 +1,11 @@
-//! Scores as a Markdown table of means and as a CSV file of all pictures.
+//! Tables of mean scores.
 
 use super::align::MAX_ALIGNED_SHIFT_PX;
-use super::score::Scores;
+use super::bootstrap::Interval;
+use super::markdown::{escaped, markdown_table};
+use super::per_image::Row;
+use super::summary::{ALL, INPUT, MethodSummary, Summary};
 use std::fmt::Write;
-
-/// One picture's scores by one method.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Row {
-    /// Name of the method; `input` for the unprocessed picture.
-    pub method: String,
-    pub image: String,
-    pub width: u32,
-    pub height: u32,
-    /// Length of the shift between picture and truth, px; `None` for rendered pairs, which are aligned by construction.
-    pub shift_px: Option<f64>,
-    pub scores: Scores,
-}
-
-impl Row {
-    /// True if the shift is at most [`MAX_ALIGNED_SHIFT_PX`], or if no shift was measured.
-    pub fn is_aligned(&self) -> bool {
-        self.shift_px.is_none_or(|shift| shift <= MAX_ALIGNED_SHIFT_PX)
-    }
-}
 
 /// The protocols of the scores in a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,148 +17,149 @@ pub enum Protocol {
     Both,
 }
 
-/// Tabulates means by method, in the order of the methods' first rows. If some pairs are not aligned, appends a line
-/// with their names and a second table without them.
-pub fn means_table(rows: &[Row], protocol: Protocol) -> String {
-    let all: Vec<&Row> = rows.iter().collect();
-    let aligned: Vec<&Row> = rows.iter().filter(|row| row.is_aligned()).collect();
-    let mut text = table(&all, protocol);
-    if aligned.len() == all.len() {
-        return text;
-    }
+/// Tabulates means by group and method, and the differences to the veil rule. If some pairs are not aligned, appends a
+/// line with their names and the tables without them.
+pub fn means_tables(
+    summaries: &[MethodSummary],
+    rows: &[Row],
+    veil: Option<&str>,
+    protocol: Protocol,
+) -> String {
+    let all: Vec<Line> = summaries.iter().map(|of| (of, &of.all)).collect();
+    let mut text = tables(&all, veil, protocol);
     let mut shifted: Vec<&str> = Vec::new();
     for row in rows.iter().filter(|row| !row.is_aligned()) {
         if !shifted.contains(&row.image.as_str()) {
             shifted.push(&row.image);
         }
     }
+    if shifted.is_empty() {
+        return text;
+    }
+    let aligned: Vec<Line> =
+        summaries.iter().filter_map(|of| Some((of, of.aligned.as_ref()?))).collect();
     let _ = write!(
         text,
-        "\nThese pairs have a shift of more than {MAX_ALIGNED_SHIFT_PX} px between picture and truth: {}. Means without them:\n\n{}",
-        shifted.iter().map(|name| escaped(name)).collect::<Vec<_>>().join(", "),
-        table(&aligned, protocol)
+        "\nThese pairs have a shift of more than {MAX_ALIGNED_SHIFT_PX} px between picture and truth: {}. ",
+        shifted.into_iter().map(escaped).collect::<Vec<_>>().join(", ")
     );
+    if aligned.iter().all(|(_, summary)| summary.count == 0) {
+        text += "No pair is left without them.\n";
+    } else {
+        let _ = write!(text, "Means without them:\n\n{}", tables(&aligned, veil, protocol));
+    }
     text
 }
 
-/// Largest width of a column; longer cells have no padding. Widths above 65,535 panic in `format!`.
-const WIDEST: usize = 200;
+/// A method in a group, and the scores that a table shows.
+type Line<'a> = (&'a MethodSummary, &'a Summary);
 
-/// Formats a Markdown table with padded cells. The first row is the head; the first `left` columns are left-aligned.
-pub fn markdown_table(rows: &[Vec<String>], left: usize) -> String {
-    let columns = rows.first().map_or(0, Vec::len);
-    let cell = |row: &Vec<String>, k: usize| row.get(k).cloned().unwrap_or_default();
-    let width = |k: usize| rows.iter().map(|row| cell(row, k).chars().count()).max();
-    let widths: Vec<usize> = (0..columns).map(|k| width(k).unwrap_or(0).clamp(3, WIDEST)).collect();
+fn tables(lines: &[Line], veil: Option<&str>, protocol: Protocol) -> String {
+    let mut blocks: Vec<&[Line]> = lines.chunk_by(|(a, _), (b, _)| a.group == b.group).collect();
+    let counts = |block: &[Line]| block.first().map_or(0, |(_, summary)| summary.count);
+    // A group without pictures has no means, and the only group has those of all pictures.
+    blocks.retain(|block| block[0].0.group == ALL || counts(block) > 0);
+    if let [all, only] = blocks[..]
+        && counts(all) == counts(only)
+    {
+        blocks.truncate(1);
+    }
     let mut text = String::new();
-    for (n, row) in rows.iter().enumerate() {
-        for (k, &width) in widths.iter().enumerate() {
-            let cell = cell(row, k);
-            let _ = if k < left {
-                write!(text, "| {cell:width$} ")
-            } else {
-                write!(text, "| {cell:>width$} ")
-            };
+    for (place, block) in blocks.iter().enumerate() {
+        if blocks.len() > 1 {
+            let (gap, count) = (if place > 0 { "\n" } else { "" }, counts(block));
+            let plural = if count == 1 { "" } else { "s" };
+            let _ =
+                write!(text, "{gap}{}: {count} picture{plural}\n\n", escaped(&block[0].0.group));
         }
-        text += "|\n";
-        if n == 0 {
-            for (k, width) in widths.iter().enumerate() {
-                let end = if k < left { '-' } else { ':' };
-                let _ = write!(text, "|{}{end}", "-".repeat(width + 1));
-            }
-            text += "|\n";
-        }
+        text += &scores_table(block, veil, protocol);
     }
-    text
-}
-
-fn table(rows: &[&Row], protocol: Protocol) -> String {
-    let scores_of = |[psnr, ssim, psnr_channels, ssim_channels]: [String; 4]| match protocol {
-        Protocol::Paper => vec![psnr, ssim],
-        Protocol::Errnet => vec![psnr_channels, ssim_channels],
-        Protocol::Both => vec![psnr, ssim, psnr_channels, ssim_channels],
-    };
-    let line = |method: &str, images: String, scores: [String; 4]| {
-        let mut cells = vec![escaped(method), images];
-        cells.extend(scores_of(scores));
-        cells
-    };
-    let head =
-        ["PSNR (dB, colour)", "SSIM (grey)", "PSNR (dB, channel mean)", "SSIM (channel mean)"];
-    let mut lines = vec![line("Method", "Images".to_owned(), head.map(str::to_owned))];
-    let mut methods: Vec<&str> = Vec::new();
-    for row in rows {
-        if !methods.contains(&row.method.as_str()) {
-            methods.push(&row.method);
-        }
-    }
-    for method in methods {
-        let of_method = rows.iter().filter(|row| row.method == method);
-        let scores: Vec<Scores> = of_method.map(|row| row.scores).collect();
-        let mean = Scores::mean(&scores);
-        let cells = [
-            format!("{:.2}", mean.psnr_colour_db),
-            format!("{:.4}", mean.ssim_grey),
-            format!("{:.2}", mean.psnr_channels_db),
-            format!("{:.4}", mean.ssim_channels),
-        ];
-        lines.push(line(method, scores.len().to_string(), cells));
-    }
-    markdown_table(&lines, 1)
-}
-
-/// Formats all rows as CSV. The PSNR of equal pictures is `inf`; cells of unmeasured shifts are empty.
-pub fn per_image_csv(rows: &[Row]) -> String {
-    let mut text = "method,image,width,height,aligned,shift_px,psnr_colour_db,ssim_grey,psnr_channels_db,ssim_channels\n".to_owned();
-    for row in rows {
-        let (aligned, shift_px) = match row.shift_px {
-            Some(shift) if row.is_aligned() => ("yes", format!("{shift:.2}")),
-            Some(shift) => ("no", format!("{shift:.2}")),
-            None => ("", String::new()),
-        };
-        let _ = writeln!(
+    let over_veil = veil.map(|veil| over_veil_table(&blocks, veil)).unwrap_or_default();
+    if !over_veil.is_empty() {
+        let _ = write!(
             text,
-            "{},{},{},{},{aligned},{shift_px},{:.4},{:.6},{:.4},{:.6}",
-            quoted(&row.method),
-            quoted(&row.image),
-            row.width,
-            row.height,
-            row.scores.psnr_colour_db,
-            row.scores.ssim_grey,
-            row.scores.psnr_channels_db,
-            row.scores.ssim_channels
+            "\nPSNR minus that of the veil rule, dB: mean and 95 % interval\n\n{over_veil}"
         );
     }
     text
 }
 
-/// Quotes a CSV cell if necessary (RFC 4180).
-fn quoted(cell: &str) -> String {
-    if cell.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", cell.replace('"', "\"\""))
-    } else {
-        cell.to_owned()
+/// Tabulates the scores of one group.
+fn scores_table(block: &[Line], veil: Option<&str>, protocol: Protocol) -> String {
+    let columns_of = |cells: [String; 5]| {
+        let [psnr, own, ssim, psnr_channels, ssim_channels] = cells;
+        match protocol {
+            Protocol::Paper => vec![psnr, own, ssim],
+            Protocol::Errnet => vec![psnr_channels, ssim_channels, own],
+            Protocol::Both => vec![psnr, own, ssim, psnr_channels, ssim_channels],
+        }
+    };
+    let line = |method: &str, count: String, scores: [String; 5], wins: [String; 2]| {
+        let mut cells = vec![escaped(method), count];
+        cells.extend(columns_of(scores));
+        cells.extend(wins);
+        cells
+    };
+    let head = ["PSNR, dB", "Own factor", "SSIM", "PSNR, channels", "SSIM, channels"];
+    let wins = ["Wins", "Over veil"].map(str::to_owned);
+    let mut lines = vec![line("Method", "Images".to_owned(), head.map(str::to_owned), wins)];
+    for (of, summary) in block {
+        let scores = &summary.scores;
+        let cells = [
+            format!("{:.2}", scores.psnr_colour_db),
+            format!("{:.2}", scores.psnr_own_factor_db),
+            format!("{:.4}", scores.ssim_grey),
+            format!("{:.2}", scores.psnr_channels_db),
+            format!("{:.4}", scores.ssim_channels),
+        ];
+        let over_input =
+            (of.method != INPUT).then(|| format!("{} / {}", summary.wins, summary.wins_own_factor));
+        let over_veil = summary.wins_veil.zip(summary.wins_veil_own_factor);
+        let over_veil = over_veil.filter(|_| veil != Some(of.method.as_str()));
+        let over_veil = over_veil.map(|(raw, own)| format!("{raw} / {own}"));
+        let wins = [over_input, over_veil].map(|wins| wins.unwrap_or_else(|| "-".to_owned()));
+        lines.push(line(&of.method, summary.count.to_string(), cells, wins));
     }
+    markdown_table(&lines, 1)
 }
 
-/// Escapes a cell of a Markdown table.
-fn escaped(cell: &str) -> String {
-    cell.replace('|', "\\|").replace(['\n', '\r'], " ")
+/// Tabulates the differences to the veil rule of the methods that are neither the rule nor oracles; empty without any.
+fn over_veil_table(blocks: &[&[Line]], veil: &str) -> String {
+    let head = ["Method", "Group", "PSNR", "After own factor"].map(str::to_owned).to_vec();
+    let mut lines = vec![head];
+    for (of, summary) in blocks.iter().copied().flatten() {
+        if of.method == veil || of.oracle {
+            continue;
+        }
+        if let (Some(raw), Some(own)) = (summary.over_veil_db, summary.over_veil_own_factor_db) {
+            lines.push(vec![escaped(&of.method), escaped(&of.group), interval(raw), interval(own)]);
+        }
+    }
+    if lines.len() == 1 { String::new() } else { markdown_table(&lines, 2) }
+}
+
+fn interval(Interval { mean, low, high }: Interval) -> String {
+    format!("{mean:+.2} [{low:+.2}, {high:+.2}]")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Scores, summaries};
 
     fn row(method: &str, image: &str, shift_px: Option<f64>, psnr_db: f64) -> Row {
         Row {
             method: method.to_owned(),
+            oracle: false,
             image: image.to_owned(),
+            group: None,
+            only_for: None,
             width: 4,
             height: 3,
             shift_px,
             scores: Scores {
                 psnr_colour_db: psnr_db,
+                psnr_own_factor_db: psnr_db + 0.5,
                 ssim_grey: psnr_db / 40.0,
                 psnr_channels_db: psnr_db + 1.0,
                 ssim_channels: 0.5,
@@ -183,72 +167,70 @@ mod tests {
         }
     }
 
-    fn packed(table: &str) -> String {
-        let mut text = table.to_owned();
+    fn tabulated(rows: &[Row], veil: Option<&str>, protocol: Protocol) -> String {
+        let mut text = means_tables(&summaries(rows, veil), rows, veil, protocol);
         while text.contains("  ") || text.contains("--") {
             text = text.replace("  ", " ").replace("--", "-");
         }
         text.replace(" |", "|").replace("| ", "|")
     }
 
-    const HEAD: &str = "|Method|Images|PSNR (dB, colour)|SSIM (grey)|PSNR (dB, channel mean)|SSIM (channel mean)|\n|-|-:|-:|-:|-:|-:|\n";
-
-    #[test]
-    fn columns_are_aligned() {
-        let rows = [["a", "R~"], ["long", "10.5"]].map(|row| row.map(str::to_owned).to_vec());
-        let text = "| a    |   R~ |\n|------|-----:|\n| long | 10.5 |\n";
-        assert_eq!(markdown_table(&rows, 1), text);
-    }
+    const HEAD: &str =
+        "|Method|Images|PSNR, dB|Own factor|SSIM|Wins|Over veil|\n|-|-:|-:|-:|-:|-:|-:|\n";
 
     #[test]
     fn means_are_by_method() {
         let rows = [
-            row("ours", "b", Some(0.5), 20.0),
-            row("in|put", "a", None, 10.0),
-            row("ours", "a", Some(1.5), 30.0),
+            row("input", "b", None, 10.0),
+            row("input", "a", None, 10.0),
+            row("ou|rs", "b", Some(0.5), 20.0),
+            row("ou|rs", "a", Some(1.5), 30.0),
         ];
-        let table = means_table(&rows, Protocol::Both);
-        let expected = format!(
-            "{HEAD}|ours|2|25.00|0.6250|26.00|0.5000|\n|in\\|put|1|10.00|0.2500|11.00|0.5000|\n"
-        );
-        assert_eq!(packed(&table), expected);
-        let mut lengths: Vec<usize> = table.lines().map(str::len).collect();
-        lengths.dedup();
-        assert_eq!(lengths.len(), 1, "{table}");
+        let paper = tabulated(&rows, None, Protocol::Paper);
+        let expected = "|input|2|10.00|10.50|0.2500|-|-|\n|ou\\|rs|2|25.00|25.50|0.6250|2 / 2|-|\n";
+        assert_eq!(paper, format!("{HEAD}{expected}"));
+        let both = tabulated(&rows, None, Protocol::Both);
+        assert!(both.ends_with("|ou\\|rs|2|25.00|25.50|0.6250|26.00|0.5000|2 / 2|-|\n"), "{both}");
+        let errnet = tabulated(&rows, None, Protocol::Errnet);
+        assert!(errnet.ends_with("|ou\\|rs|2|26.00|0.5000|25.50|2 / 2|-|\n"), "{errnet}");
+    }
+
+    #[test]
+    fn groups_have_blocks_and_differences_to_the_veil_rule() {
+        let mut rows = Vec::new();
+        for (method, psnr_db) in [("input", 10.0), ("veil", 11.0), ("net", 12.0), ("best", 13.0)] {
+            for (image, group) in [("1", "a"), ("2", "a"), ("3", "b")] {
+                let (group, oracle) = (Some(group.to_owned()), method == "best");
+                rows.push(Row { group, oracle, ..row(method, image, None, psnr_db) });
+            }
+        }
+        let text = tabulated(&rows, Some("veil"), Protocol::Paper);
+        let blocks: Vec<&str> = text.split(HEAD).collect();
+        assert_eq!(blocks.len(), 4, "{text}");
+        assert_eq!(blocks[0], "all: 3 pictures\n\n");
         assert!(
-            packed(&means_table(&rows, Protocol::Errnet)).ends_with("|in\\|put|1|11.00|0.5000|\n")
+            blocks[1].ends_with("|best|3|13.00|13.50|0.3250|3 / 3|3 / 3|\n\na: 2 pictures\n\n"),
+            "{text}"
         );
-        assert!(
-            packed(&means_table(&rows, Protocol::Paper)).ends_with("|in\\|put|1|10.00|0.2500|\n")
-        );
+        assert!(blocks[2].ends_with("\n\nb: 1 picture\n\n"), "{text}");
+        let over = blocks[3].split("95 % interval\n\n").nth(1).unwrap();
+        assert_eq!(over.lines().count(), 2 + 2 * 3, "{over}");
+        assert!(over.contains("|net|b|+1.00 [+1.00, +1.00]|+1.00 [+1.00, +1.00]|\n"), "{over}");
+        // One group of all pictures needs no block of its own.
+        rows.retain(|row| row.group.as_deref() == Some("a"));
+        assert_eq!(tabulated(&rows, None, Protocol::Paper).matches(HEAD).count(), 1);
     }
 
     #[test]
     fn a_second_table_leaves_shifted_pairs_out() {
         let rows = [row("ours", "b", Some(0.5), f64::INFINITY), row("ours", "a", Some(9.0), 30.0)];
-        let text = packed(&means_table(&rows, Protocol::Both));
+        let text = tabulated(&rows, None, Protocol::Paper);
         assert_eq!(text.matches(HEAD).count(), 2);
         assert!(text.contains("|ours|2|inf|"), "{text}");
         assert!(text.contains("|ours|1|inf|"), "{text}");
         assert!(text.contains("more than 1.5 px between picture and truth: a. Means"));
-        assert_eq!(packed(&means_table(&[], Protocol::Both)), HEAD);
-        // If all pairs are shifted, the second table has only a head.
-        assert!(packed(&means_table(&rows[1..], Protocol::Both)).ends_with(HEAD));
-    }
-
-    #[test]
-    fn csv_has_every_picture() {
-        let rows = [
-            row("a \"b\", c", "x", Some(2.0), f64::INFINITY),
-            row("d", "y", None, 20.0),
-            row("d", "z", Some(0.123), 20.0),
-        ];
-        assert_eq!(
-            per_image_csv(&rows),
-            "method,image,width,height,aligned,shift_px,psnr_colour_db,ssim_grey,psnr_channels_db,ssim_channels\n\
-             \"a \"\"b\"\", c\",x,4,3,no,2.00,inf,inf,inf,0.500000\n\
-             d,y,4,3,,,20.0000,0.500000,21.0000,0.500000\n\
-             d,z,4,3,yes,0.12,20.0000,0.500000,21.0000,0.500000\n"
-        );
+        assert_eq!(tabulated(&[], None, Protocol::Paper), "");
+        let text = tabulated(&rows[1..], None, Protocol::Paper);
+        assert!(text.ends_with(": a. No pair is left without them.\n"), "{text}");
     }
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 /// Returns the folder, and the index rows with a ground truth as maps from column to value; `None` without an index.
 fn published() -> Option<(PathBuf, Vec<HashMap<String, String>>)> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/reflection");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/reflection");
     let Ok(index) = std::fs::read_to_string(root.join("index.csv")) else {
         println!("skipped: no {}", root.display());
         return None;

@@ -138,7 +138,7 @@ fn text_kind(name: &str, text: &str) -> Option<Kind> {
     if first.starts_with("step,total,") {
         return Some(Kind::Metrics);
     }
-    if first.starts_with("method,image,width,height,") {
+    if first.starts_with("method,group,image,width,height,") {
         return Some(Kind::EvaluationRows);
     }
     if first.starts_with("| Method") || text.contains("\n| Method") {

@@ -54,8 +54,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
                 let cells = line.trim_matches('|').split('|').map(|cell| cell.trim().to_owned());
                 Some(cells.collect())
             };
-            let lines = text.lines().filter(|line| line.starts_with('|') && !line.contains("---"));
-            table(&mut found, lines, cells);
+            tables(&mut found, text, cells);
         }
         _ => table(&mut found, text.lines(), csv_cells),
     }
@@ -103,6 +102,33 @@ fn table<'a>(
     cells: impl Fn(&str) -> Option<Vec<String>>,
 ) {
     let columns = lines.next().and_then(&cells).unwrap_or_default();
+    let rows = rows(found, &columns, lines, &cells);
+    count(found, "rows", rows);
+    say_columns(found, columns);
+}
+
+/// Checks several Markdown tables, each with its own head. The facts have the columns of the first one.
+fn tables(found: &mut Inspection, text: &str, cells: impl Fn(&str) -> Option<Vec<String>>) {
+    let lines: Vec<&str> = text.lines().collect();
+    let blocks = lines.chunk_by(|a, b| a.starts_with('|') == b.starts_with('|'));
+    let (mut all, mut first) = (0, None);
+    for block in blocks.filter(|block| block[0].starts_with('|')) {
+        let mut lines = block.iter().copied().filter(|line| !line.contains("---"));
+        let columns = lines.next().and_then(&cells).unwrap_or_default();
+        all += rows(found, &columns, lines, &cells);
+        first.get_or_insert(columns);
+    }
+    count(found, "rows", all);
+    say_columns(found, first.unwrap_or_default());
+}
+
+/// Checks the rows of a table with these columns, and counts them.
+fn rows<'a>(
+    found: &mut Inspection,
+    columns: &[String],
+    lines: impl Iterator<Item = &'a str>,
+    cells: impl Fn(&str) -> Option<Vec<String>>,
+) -> usize {
     let is_number = |cell: &String| cell.is_empty() || cell.parse().is_ok_and(f64::is_finite);
     let mut rows = 0;
     for line in lines {
@@ -117,8 +143,7 @@ fn table<'a>(
             found.wrong(Problem::new("a cell is not a finite number", FINITE).at(place));
         }
     }
-    count(found, "rows", rows);
-    say_columns(found, columns);
+    rows
 }
 
 /// Remedy for a loss that is not finite.

@@ -53,47 +53,81 @@ pub(super) fn grid(png: &[u8], alt: &str, caption: &str) -> Markup {
 
 /// Lists the names of the grid's columns.
 fn columns(evaluation: &Value) -> String {
-    let rows = evaluation["rows"].as_array().into_iter().flatten();
-    let methods = rows.filter_map(|row| row["method"].as_str());
-    let names = methods.map(|name| cut(name, 80));
+    let names = evaluation["columns"].as_array().into_iter().flatten();
+    let names = names.filter_map(Value::as_str).map(|name| cut(name, 80));
     let names: Vec<String> = names.chain(["truth".to_owned()]).collect();
     names.join(", ")
 }
 
+fn number(value: &Value, digits: usize) -> Markup {
+    html! {
+        @if let Some(number) = value.as_f64() {
+            (exact(number, &format!("{number:.digits$}")))
+        } @else {
+            (value.as_str().unwrap_or("-"))
+        }
+    }
+}
+
+/// Draws two counts as `12 / 9`.
+fn counts(row: &Value, keys: [&str; 2]) -> Markup {
+    let [raw, own] = keys.map(|key| row[key].as_u64());
+    html! { @if let (Some(raw), Some(own)) = (raw, own) { (raw) " / " (own) } @else { "-" } }
+}
+
+/// Draws a mean and its interval as `+0.16 [-0.11, +0.41]`.
+fn interval(interval: &Value) -> Markup {
+    let part = |key: &str| match interval[key].as_f64() {
+        Some(value) => format!("{value:+.2}"),
+        None => interval[key].as_str().unwrap_or("?").to_owned(),
+    };
+    html! {
+        @if interval.is_object() {
+            (part("mean")) " [" (part("low")) ", " (part("high")) "]"
+        } @else { "-" }
+    }
+}
+
 /// Draws the rows of `evaluation.json` as a table.
 fn scores(evaluation: &Value) -> Markup {
-    let number = |value: &Value, digits: usize| {
-        html! {
-            @if let Some(number) = value.as_f64() {
-                (exact(number, &format!("{number:.digits$}")))
-            } @else {
-                (value.as_str().unwrap_or("?"))
-            }
-        }
-    };
+    let list = || evaluation["rows"].as_array().into_iter().flatten();
+    let has_groups = list().any(|row| row["group"] != "all");
     let rows = html! {
-        @for row in evaluation["rows"].as_array().into_iter().flatten() {
+        @for row in list() {
             tr {
+                @if has_groups { td { (cut(row["group"].as_str().unwrap_or_default(), 80)) } }
                 td { (cut(row["method"].as_str().unwrap_or_default(), 200)) }
                 td.n { (number(&row["psnr_colour_db"], 2)) }
+                td.n { (number(&row["psnr_own_factor_db"], 2)) }
                 td.n { (number(&row["ssim_grey"], 4)) }
-                td.n { (number(&row["psnr_channels_db"], 2)) }
-                td.n { (number(&row["ssim_channels"], 4)) }
+                td.n { (counts(row, ["wins", "wins_own_factor"])) }
+                td.n { (counts(row, ["wins_veil", "wins_veil_own_factor"])) }
+                td.n { (interval(&row["over_veil_db"])) }
+                td.n { (interval(&row["over_veil_own_factor_db"])) }
             }
         }
     };
-    let heads = [
+    let mut heads = vec![
         "method",
         "#PSNR, dB",
+        "#after own factor, dB",
         "#SSIM, grey",
-        "#PSNR, mean of channels, dB",
-        "#SSIM, mean of channels",
+        "#wins over the input",
+        "#over the veil rule",
+        "#PSNR minus the veil rule's, dB",
+        "#after own factors, dB",
     ];
+    if has_groups {
+        heads.insert(0, "group");
+    }
     html! {
         p {
             "T* against T of " (evaluation["images"].as_u64().unwrap_or(0)) " "
             (evaluation["split"].as_str().unwrap_or_default())
-            " scenes, 8-bit sRGB, not resized. The first row scores the input; a method with lower scores does harm."
+            " scenes, 8-bit sRGB. The first row scores the input; a method with lower scores does harm. A network must
+            also beat the input times a factor and the veil rule, which know nothing of reflections; rows of oracles are
+            chosen on the scored pictures. Counts are raw / after each picture's own best factor; intervals are 95 % of a
+            paired bootstrap over the pictures."
         }
         (table("Scores", &heads, &rows))
     }
@@ -167,8 +201,10 @@ mod tests {
         let put = |name: &str, bytes: &[u8]| {
             render::atomic_file::write(&inside.join(name), bytes).unwrap();
         };
-        let json = br#"{"split":"test","images":2,"rows":[{"method":"input","psnr_colour_db":20.126,"ssim_grey":0.9,
-            "psnr_channels_db":"inf","ssim_channels":0.8},{"method":"<b>","psnr_colour_db":25.0}]}"#;
+        let json = br#"{"split":"test","images":2,"columns":["input","<b>"],"rows":[{"method":"input","group":"all",
+            "psnr_colour_db":20.126,"psnr_own_factor_db":"inf","ssim_grey":0.9},{"method":"<b>","group":"all",
+            "psnr_colour_db":25.0,"wins":12,"wins_own_factor":9,
+            "over_veil_db":{"mean":0.156,"low":-0.1,"high":"inf"}}]}"#;
         put("evaluation.json", json);
         put(
             "evaluation.csv",
@@ -180,6 +216,8 @@ mod tests {
             "<data value=\"20.126\">20.13</data>",
             ">inf<",
             ">26.00<",
+            ">12 / 9<",
+            ">+0.16 [-0.10, inf]<",
             "&lt;b&gt;",
             "the picture cannot be read",
         ] {

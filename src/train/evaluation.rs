@@ -2,16 +2,20 @@
 
 use super::checkpoint::CheckpointState;
 use super::picture::rgb_grid;
-use compose::{Gain, LeftOut, MethodMeans, Protocol, Row, means_table, per_image_csv};
+use compose::{
+    Factor, INPUT, LeftOut, MethodSummary, Protocol, Row, Rules, Scored, means_tables,
+    per_image_csv, summaries,
+};
 use image::RgbImage;
 use plan::{ExampleKind, FeatureSource};
 use render::atomic_file::{self, WriteError};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-pub const EVALUATION_SCHEMA: &str = "glasshouse.evaluate/1";
+pub const EVALUATION_SCHEMA: &str = "glasshouse.evaluate/2";
 
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluationError {
@@ -51,36 +55,63 @@ impl ScoredNetwork {
     }
 }
 
-/// The result of an evaluation, with the keys of [`EVALUATION_SCHEMA`].
+/// A folder of outputs that was scored.
 #[derive(Clone, Debug, Serialize)]
-pub struct Evaluation {
-    /// Folder of the run, or of the pairs.
+pub struct ScoredOutputs {
+    /// Name of the row in the table.
+    pub method: String,
+    #[serde(serialize_with = "render::path_text::one")]
+    pub path: PathBuf,
+}
+
+/// What was scored and how.
+#[derive(Clone, Debug, Serialize)]
+pub struct Conditions {
+    /// Folder of the run or of the pairs, or file of the index.
     #[serde(rename = "where")]
     pub place: String,
     pub split: Option<&'static str>,
-    pub images: usize,
-    resized: bool,
-    bits: u8,
-    /// Side of the networks' tiles, px.
-    pub tile_px: u32,
-    #[serde(rename = "rows")]
-    pub means: Vec<MethodMeans>,
-    /// Best constant factor of the input; its scores show the effect of brightness alone.
-    pub gain: Option<Gain>,
+    /// Length to which larger pictures were scaled down, px; `None` without scaling.
+    pub longest_px: Option<u32>,
+    /// Side of the networks' tiles, px; `None` for whole pictures.
+    pub tile_px: Option<u32>,
+    /// Rules that a network must beat.
+    pub baselines: Rules,
     #[serde(rename = "checkpoints")]
     pub networks: Vec<ScoredNetwork>,
+    pub outputs: Vec<ScoredOutputs>,
+    #[serde(skip)]
+    pub protocol: Protocol,
+}
+
+/// The result of an evaluation, with the keys of [`EVALUATION_SCHEMA`].
+#[derive(Clone, Debug, Serialize)]
+pub struct Evaluation {
+    #[serde(flatten)]
+    pub(super) conditions: Conditions,
+    /// Number of scored pictures.
+    images: usize,
+    bits: u8,
+    /// Mean scores by group, then by method.
+    #[serde(rename = "rows")]
+    summaries: Vec<MethodSummary>,
+    /// Best factor of the input for each group.
+    pub(super) group_factors: BTreeMap<String, Factor>,
+    /// Names of the columns of the picture, without the truth.
+    columns: Vec<String>,
     /// Pictures that were not scored, with reasons.
-    pub left_out: Vec<LeftOut>,
+    left_out: Vec<LeftOut>,
     #[serde(serialize_with = "render::path_text::each")]
-    pub files: Vec<PathBuf>,
+    files: Vec<PathBuf>,
     /// Number of threads; omitted from the file, which has the same bytes for any number of threads.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
     /// Scores by method, then by picture.
     #[serde(skip)]
-    rows: Vec<Row>,
+    pub(super) rows: Vec<Row>,
+    /// Reduced pictures of the columns and the truth.
     #[serde(skip)]
-    protocol: Protocol,
+    pictures: Vec<Vec<RgbImage>>,
 }
 
 #[derive(Serialize)]
@@ -91,22 +122,22 @@ struct Document<'a> {
 }
 
 impl Evaluation {
-    pub fn new(place: String, methods: &[String], rows: Vec<Row>, protocol: Protocol) -> Self {
+    /// Summarises scores. `left_out` lists pictures without scores.
+    pub fn new(conditions: Conditions, scored: Scored, left_out: Vec<LeftOut>) -> Self {
+        let Scored { rows, kept, columns, group_factors, .. } = scored;
+        let veil = conditions.baselines.veil.map(compose::VeilRule::row_name);
         Self {
-            place,
-            split: None,
-            images: rows.len() / methods.len().max(1),
-            resized: false,
+            conditions,
+            images: rows.iter().filter(|row| row.method == INPUT).count(),
             bits: 8,
-            tile_px: 0,
-            means: methods.iter().map(|method| MethodMeans::of(method, &rows)).collect(),
-            gain: None,
-            networks: Vec::new(),
-            left_out: Vec::new(),
+            summaries: summaries(&rows, veil.as_deref()),
+            group_factors: group_factors.into_iter().collect(),
+            columns,
+            left_out,
             files: Vec::new(),
             threads: None,
             rows,
-            protocol,
+            pictures: kept,
         }
     }
 
@@ -125,13 +156,9 @@ impl Evaluation {
         Ok(lock)
     }
 
-    /// Writes [`Self::FILES`]; `pictures` are the rows of the picture.
-    pub fn write(
-        &mut self,
-        folder: &Path,
-        pictures: &[Vec<RgbImage>],
-    ) -> Result<(), EvaluationError> {
-        let grid = rgb_grid(pictures)?;
+    /// Writes [`Self::FILES`].
+    pub fn write(&mut self, folder: &Path) -> Result<(), EvaluationError> {
+        let grid = rgb_grid(&self.pictures)?;
         let [markdown, csv, png, json] = Self::FILES.map(|name| folder.join(name));
         self.files = [&markdown, &csv, &png, &json].map(Clone::clone).to_vec();
         let mut pretty = serde_json::to_string_pretty(&Document {
@@ -147,34 +174,12 @@ impl Evaluation {
         Ok(())
     }
 
-    /// Returns the table and the notes below it.
+    /// Returns the tables and the notes below them.
     fn table(&self) -> [String; 2] {
-        let mut notes =
-            "Protocol: no resizing; scored as 8-bit sRGB. Means over images.\ninput: the unchanged pictures.\n".to_owned();
-        if let Some(gain) = &self.gain {
-            let _ = writeln!(
-                notes,
-                "{}: linear light times the best factor for {} of {}, which shows the effect of brightness alone.",
-                gain.row_name(),
-                counted(gain.images, gain.kind),
-                gain.fitted_to,
-            );
-        }
-        for network in &self.networks {
-            let _ = writeln!(notes, "{}: {}.", network.method, network.path.display());
-        }
-        let is_tiled = |row: &&Row| row.width.max(row.height) > self.tile_px;
-        let inputs = self.rows.iter().filter(|row| row.method == "input");
-        let tiled = inputs.filter(is_tiled).count();
-        if tiled > 0 && !self.networks.is_empty() {
-            let _ = writeln!(
-                notes,
-                "Networks processed {} in overlapping tiles of {} px and normalised each tile separately.",
-                counted(tiled, "picture"),
-                self.tile_px,
-            );
-        }
-        [means_table(&self.rows, self.protocol), notes]
+        let veil = self.conditions.baselines.veil.map(compose::VeilRule::row_name);
+        let protocol = self.conditions.protocol;
+        let table = means_tables(&self.summaries, &self.rows, veil.as_deref(), protocol);
+        [table, self.notes()]
     }
 
     /// Returns the evaluation as a Markdown document.
@@ -196,7 +201,8 @@ impl Evaluation {
 
     /// Returns the numbers of scored and left-out pictures and their source as one line.
     fn what(&self) -> String {
-        let what = match self.split {
+        let conditions = &self.conditions;
+        let what = match conditions.split {
             Some("all") => counted(self.images, "scene"),
             Some(split) => counted(self.images, &format!("{split} scene")),
             None => counted(self.images, "pair"),
@@ -205,7 +211,7 @@ impl Evaluation {
             0 => String::new(),
             count => format!("; left out: {}", counted(count, "picture")),
         };
-        format!("{what} of {}{left_out}.", self.place)
+        format!("{what} of {}{left_out}.", conditions.place)
     }
 }
 
@@ -224,7 +230,7 @@ impl fmt::Display for Evaluation {
 }
 
 /// Formats a count with its noun: `1 pair`, `2 pairs`.
-fn counted(count: usize, what: &str) -> String {
+pub(super) fn counted(count: usize, what: &str) -> String {
     let plural = if count == 1 { "" } else { "s" };
     format!("{count} {what}{plural}")
 }

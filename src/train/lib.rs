@@ -24,6 +24,7 @@ mod checkpoint;
 mod discriminator;
 mod error;
 mod evaluation;
+mod evaluation_notes;
 mod events;
 mod example;
 mod example_sampler;
@@ -62,7 +63,9 @@ pub use checkpoint::{
 };
 pub use discriminator::Discriminator;
 pub use error::TrainError;
-pub use evaluation::{EVALUATION_SCHEMA, Evaluation, EvaluationError, ScoredNetwork};
+pub use evaluation::{
+    Conditions, EVALUATION_SCHEMA, Evaluation, EvaluationError, ScoredNetwork, ScoredOutputs,
+};
 pub use example::{Cut, Example, Planes};
 pub use example_sampler::{ExampleSampler, SceneSource};
 pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};

@@ -4,9 +4,8 @@ use super::inference::LEAST_PX;
 use super::separator::Separator;
 use super::source::{Base, ExampleError, TupleSource};
 use super::srgb_planes::bytes_of_planes;
-use compose::{Method, Subject, Unread, WithTruth};
+use compose::{Given, Method, Subject, Unmade, Unread, WithTruth};
 use image::RgbImage;
-use std::error::Error;
 
 /// Provides inputs and transmissions as 8-bit pictures.
 impl Subject for TupleSource {
@@ -41,10 +40,6 @@ impl Subject for TupleSource {
     fn is_aligned(&self) -> bool {
         true
     }
-
-    fn kind(&self) -> &'static str {
-        "train scene"
-    }
 }
 
 impl From<ExampleError> for Unread {
@@ -59,11 +54,11 @@ impl From<ExampleError> for Unread {
     }
 }
 
-/// Networks that process pictures in tiles.
+/// Networks that process whole pictures, or pictures in tiles.
 pub struct Tiled<'a> {
     pub separator: &'a Separator,
-    /// Side of the overlapping tiles of larger pictures, px.
-    pub tile_px: u32,
+    /// Side of the overlapping tiles of larger pictures, px; `None` for whole pictures.
+    pub tile_px: Option<u32>,
 }
 
 impl Method for Tiled<'_> {
@@ -71,8 +66,10 @@ impl Method for Tiled<'_> {
         LEAST_PX as u32
     }
 
-    fn make(&self, input: &RgbImage) -> Result<RgbImage, Box<dyn Error + Send + Sync>> {
-        let [transmission, _] = self.separator.separate(input, self.tile_px as usize)?;
+    fn make(&self, given: &Given) -> Result<RgbImage, Unmade> {
+        let tile_px = self.tile_px.map_or(usize::MAX, |px| px as usize);
+        let made = self.separator.separate(given.input, tile_px);
+        let [transmission, _] = made.map_err(|error| Unmade::Fatal(error.into()))?;
         Ok(transmission)
     }
 }

@@ -131,6 +131,10 @@ fn furnish(folder: &Path) {
         link("scene.json", to);
     }
     std::fs::create_dir(folder.join("DIR")).unwrap();
+    std::fs::create_dir(folder.join("theirs")).unwrap();
+    let row = "1,own,real,pairs/blended/1.png,pairs/transmission_layer/1.png,yes";
+    let index = format!("id,group,kind,blended,transmission,aligned\n{row}\n");
+    std::fs::write(folder.join("pairs.csv"), index).unwrap();
     let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
     for name in ["paper.toml", "learn.toml", "depth-ranges.toml"] {
         let recipe = Path::new("manifests").join(name);

@@ -89,5 +89,5 @@ pub(crate) fn of_a_training(files: &mut Files) {
     let scores = "runs/smoke/train/evaluation/evaluation";
     files.is(&format!("{scores}.csv"), "evaluation_rows", unknown, &["rows", "psnr_colour_db"]);
     files.is(&format!("{scores}.md"), "evaluation_table", unknown, &["PSNR"]);
-    files.is(&format!("{scores}.json"), "output", unknown, &["glasshouse.evaluate/1"]);
+    files.is(&format!("{scores}.json"), "output", unknown, &["glasshouse.evaluate/2"]);
 }

@@ -62,19 +62,27 @@ fn a_run_is_scored() {
     let run_folder = text(&place.run);
     // Before any training, the table has only the inputs.
     let ended = run(&["evaluate", run_folder, "--json"]).expect(0).says(&["the run has no SP-net"]);
-    assert_eq!(methods(&ended.json()).len(), 2);
+    assert_eq!(methods(&ended.json()).len(), 5);
 
     train(&place);
     let planned = run(&["evaluate", run_folder, "-n", "--json"]).expect(0).json();
     assert_eq!(planned["images"], 1);
     let ended = run(&["evaluate", run_folder, "--json"]).expect(0);
     let json = ended.json();
-    assert_eq!(json["schema"], "glasshouse.evaluate/1");
+    assert_eq!(json["schema"], "glasshouse.evaluate/2");
     let found = methods(&json);
     assert_eq!(found[0], "input");
     assert!(found[1].starts_with("input x "), "{found:?}");
-    assert_eq!(found[2], "separation step 4 (features none)");
-    assert_eq!(json["gain"]["images"], 3);
+    assert!(found[2].starts_with("veil rule "), "{found:?}");
+    let oracles = ["best factor of the group (oracle)", "own factor (oracle)"];
+    assert_eq!(found[3..5], oracles);
+    assert_eq!(found[5], "separation step 4 (features none)");
+    let oracles = json["rows"].as_array().unwrap().iter().map(|row| row["oracle"] == true);
+    assert_eq!(oracles.collect::<Vec<_>>(), [false, false, false, true, true, false]);
+    let fitted = &json["baselines"]["fitted"];
+    assert_eq!((&fitted["images"], &fitted["fitted_to"]), (&3.into(), &run_folder.into()));
+    assert_eq!(fitted["factor"], json["baselines"]["factor"]);
+    assert!(fitted["veil"]["g"].is_number() && fitted["veil"]["k"].is_number());
     assert_eq!(json["left_out"], serde_json::json!([]));
 
     let tuple = &tuples(&place.run, "test")[0];
@@ -88,10 +96,10 @@ fn a_run_is_scored() {
         json["files"].as_array().unwrap().iter().map(|f| f.as_str().unwrap()).collect();
     assert_eq!(files.len(), 4);
     let folder = place.run.join("train/evaluation");
-    // The pictures of the test scene are input, input times gain, output and truth.
+    // The pictures of the test scene are input, those of both rules, output and truth.
     let pictures = image::open(folder.join("evaluation.png")).unwrap();
     let first = image::open(tuples(&place.run, "test")[0].join("input.png")).unwrap();
-    assert_eq!(pictures.width(), 4 * (first.width() + 4));
+    assert_eq!(pictures.width(), 5 * (first.width() + 4));
     assert_eq!(pictures.height(), first.height() + 4);
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
     let markdown = read("evaluation.md");
@@ -99,7 +107,7 @@ fn a_run_is_scored() {
     {
         assert!(markdown.contains(part), "no {part:?} in {markdown}");
     }
-    assert_eq!(read("evaluation.csv").lines().count(), 1 + 3);
+    assert_eq!(read("evaluation.csv").lines().count(), 1 + 6);
     let written: Value = serde_json::from_str(&read("evaluation.json")).unwrap();
     assert_eq!(written["rows"], json["rows"]);
 
@@ -111,9 +119,9 @@ fn a_run_is_scored() {
     let ended = run(&[&["evaluate", run_folder][..], &more, &checkpoints].concat()).expect(0);
     assert!(ended.stdout.contains("| ours (features none) "), "{ended:?}");
     assert!(ended.stdout.contains("| 4 |") || ended.stdout.contains("|      4 |"), "{ended:?}");
-    assert!(!ended.stdout.contains("channel mean"), "{ended:?}");
+    assert!(!ended.stdout.contains("channels"), "{ended:?}");
     let csv = std::fs::read_to_string(out.join("evaluation.csv")).unwrap();
-    assert_eq!(csv.lines().count(), 1 + 4 * 4);
+    assert_eq!(csv.lines().count(), 1 + 7 * 4);
     // Scores do not depend on the number of threads.
     let on = |threads: &str| {
         let json = run(&["evaluate", run_folder, "--json", "-j", threads]).expect(0).json();
@@ -144,8 +152,8 @@ fn missing_and_damaged_tuples_are_listed() {
     ]);
     let json = ended.json();
     assert_eq!(json["images"], 2);
-    // The fit of the gain leaves out these tuples, too.
-    assert_eq!(json["gain"]["images"], 1);
+    // The fit of the baselines leaves out these tuples, too.
+    assert_eq!(json["baselines"]["fitted"]["images"], 1);
     assert_eq!(json["left_out"].as_array().unwrap().len(), 3);
     std::fs::remove_dir_all(&test[0]).unwrap();
     let ended = run(&["evaluate", run_folder, "--json"]).expect(4);
@@ -298,17 +306,19 @@ fn published_pairs_are_scored() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = ["evaluate", text(&root), "--out", text(folder.path()), "--json"];
     let json = run(&arguments).expect(0).json();
-    assert_eq!((&json["images"], &json["rows"][0]["images"]), (&37.into(), &37.into()));
-    assert_eq!(methods(&json), ["input"]);
+    assert_eq!((&json["images"], &json["rows"][0]["count"]), (&37.into(), &37.into()));
+    // All pictures and six groups, by the input and two oracles.
+    assert_eq!(methods(&json).len(), 6 * 3);
     let index = std::fs::read_to_string(root.join("index.csv")).unwrap();
     let beside = index.lines().filter(|line| line.split(',').nth(8) == Some("no"));
     let beside = beside.count();
     assert!(beside > 0);
-    assert_eq!(json["rows"][0]["aligned"]["images"], 37 - beside);
+    assert_eq!(json["rows"][0]["aligned"]["count"], 37 - beside);
     let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
     let csv = read("evaluation.csv");
-    assert_eq!(csv.lines().count(), 1 + 37);
-    assert_eq!(csv.lines().filter(|line| line.contains(",no,")).count(), beside);
+    // The best factors of all pictures and of their groups have rows of their own.
+    assert_eq!(csv.lines().count(), 1 + 4 * 37);
+    assert_eq!(csv.lines().filter(|line| line.contains(",no,")).count(), 4 * beside);
     assert!(read("evaluation.md").contains("Means without them:"));
     // `evaluation.md` also names folders of pictures without ground truth.
     assert!(read("evaluation.md").contains("ceilnet_real_inputs_only"));
@@ -328,12 +338,12 @@ fn published_pairs_are_scored() {
         let was = image::open(image).unwrap();
         assert_eq!((made.width(), made.height()), (was.width(), was.height()));
     }
-    // The input's gain can come from a run's train scenes.
+    // The baselines can come from a run's train scenes; `--fit-gain` is the former name of the option.
     let pairs = root.join("kim2020");
     let more = ["--fit-gain", text(&place.run), "--checkpoint", text(&place.run), "--json"];
     let json =
         run(&[&["evaluate", text(&pairs), "--limit", "2"][..], &more].concat()).expect(0).json();
-    assert_eq!(methods(&json).len(), 3);
+    assert_eq!(methods(&json).len(), 6);
     assert_eq!(json["images"], 2);
     assert_eq!(json["files"], serde_json::json!([]));
 }

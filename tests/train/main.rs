@@ -13,3 +13,4 @@ mod finite;
 #[path = "../support/mod.rs"]
 mod support;
 mod training;
+mod yardstick;

@@ -26,6 +26,18 @@ def channels(metric):
 
 
 print("psnr_colour_db:", repr(psnr(truth, output)))
+light = np.arange(256) / 255
+light = np.where(light <= 0.04045, light / 12.92, ((light + 0.055) / 1.055) ** 2.4)
+
+
+def factored(factor):
+    """Multiplies linear light and rounds codes."""
+    value = np.clip(light * factor, 0, 1)
+    code = np.where(value <= 0.0031308, 12.92 * value, 1.055 * np.maximum(value, 1e-9) ** (1 / 2.4) - 0.055)
+    return np.rint(255 * code).astype(np.uint8)[output]
+
+
+print("psnr_own_factor_db:", repr(max(psnr(truth, factored(k / 100)) for k in range(30, 201))))
 print("ssim_grey:", repr(ssim(grey(truth), grey(output))))
 print("psnr_channels_db:", repr(channels(psnr)))
 print("ssim_channels:", repr(channels(ssim)))

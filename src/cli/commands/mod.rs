@@ -146,17 +146,22 @@ Examples:
     /// Score trained networks and the unchanged pictures against the ground truth
     #[cfg(feature = "train")]
     #[command(after_help = "\
-The first row of the table is the unchanged input. The second is the input times one gain in linear
-light, fitted to train scenes: the score of a mere change of brightness. PSNR and SSIM compare 8-bit
-pictures at their own size. The command names real pairs with misaligned ground truth, and a second table
-leaves them out. In JSON the PSNR of equal pictures is the string \"inf\".
+The table has the unchanged input, rules that know nothing of reflections, and networks or outputs of any
+program. The rules are a factor of linear light and the veil rule T = g (I - k b), where b is the 0.5 %
+percentile of each channel; both are fitted to train scenes, or given. A network must beat both, also after
+each picture's own best factor. Oracles are factors that are chosen on the scored pictures.
+
+PSNR and SSIM compare 8-bit pictures at their own size, or at --longest. The command names real pairs with
+misaligned ground truth, and a second table leaves them out. In JSON the PSNR of equal pictures is the
+string \"inf\".
 
 Exit code 3: some pairs are missing or unreadable; `left_out` lists them. 4: nothing to score.
 
 Examples:
   glasshouse evaluate runs/smoke
   glasshouse evaluate runs/smoke --split all --checkpoint runs/smoke/train/separation --json
-  glasshouse evaluate pairs --checkpoint ours=runs/smoke --fit-gain runs/smoke --out scores")]
+  glasshouse evaluate pairs --checkpoint ours=runs/smoke --fit-to runs/smoke --out scores
+  glasshouse evaluate pairs --longest 640 --factor 0.83 --veil 0.88,0.8")]
     Evaluate(evaluate::EvaluateArgs),
     /// Remove the reflections from photographs with a trained network
     #[cfg(feature = "train")]
