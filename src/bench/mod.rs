@@ -4,6 +4,7 @@
 //! scenes -> kernels (-> dump)                                  bench trace: rays per second
 //!        -> reference, ladder -> deviation -> fit -> table, plot bench error: error against CPU seconds
 //! calibrate                                                    plan: core seconds of a run
+//! composition                                                  bench compose: examples per second by part
 //! train_step                                                   bench train: CPU seconds of a step and its parts
 //! farm                                                         bench farm: overhead, makespan, resuming
 //! ```
@@ -12,6 +13,7 @@
 
 mod calibrate;
 mod clock;
+mod composition;
 mod cpu;
 mod deviation;
 mod dump;
@@ -31,6 +33,7 @@ mod train_step;
 
 pub use calibrate::calibrate;
 pub use clock::thread_cpu_s;
+pub use composition::{CompositionBench, CompositionRow};
 pub use cpu::{cpu_name, on_cpu};
 pub use deviation::Deviation;
 pub use dump::RayDump;

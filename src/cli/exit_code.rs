@@ -247,8 +247,8 @@ impl From<train::TrainError> for Failure {
         };
         let exit = match &error {
             E::Busy { .. } => Exit::TryAgain,
-            E::Setting(_) | E::NoRealPairs { .. } => Exit::Usage,
-            E::Frozen { .. } | E::OtherOrigin { .. } => Exit::Disagrees,
+            E::Setting(_) | E::NoRealPairs { .. } | E::NoBacktrackStage { .. } => Exit::Usage,
+            E::Frozen { .. } | E::OtherOrigin { .. } | E::ScheduleEnds { .. } => Exit::Disagrees,
             E::NoBacktrack { .. }
             | E::Features(_)
             | E::Checkpoint(C::Damaged { .. })

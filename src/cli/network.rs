@@ -4,27 +4,13 @@ use super::args::{Global, threads};
 use super::exit_code::{Exit, Failure, failure};
 use super::output::Output;
 use crate::run::keys;
-use clap::{Args as ClapArgs, ValueEnum};
+use clap::ValueEnum;
 use plan::{FeatureSource, Stage};
 use std::path::{Path, PathBuf};
 use train::candle_core::Device;
 use train::{
     Best, Checkpoint, CheckpointState, Features, Separator, checkpoint_folder, stage_folder,
 };
-
-/// Default side of a tile, px.
-pub(super) const TILE_PX: u32 = 768;
-
-/// Options to load and apply networks.
-#[derive(Debug, ClapArgs)]
-pub(super) struct NetworkArgs {
-    /// File of VGG-19 weights, required by networks that were trained with such a file; must be the same file
-    #[arg(long, value_name = "FILE")]
-    pub(super) features: Option<String>,
-    /// Side of the overlapping tiles of larger pictures, px. Smaller tiles save memory; each is normalised alone
-    #[arg(long, value_name = "PX", default_value_t = TILE_PX, value_parser = clap::value_parser!(u32).range(272..=16384))]
-    pub(super) tile_px: u32,
-}
 
 /// Device that runs the networks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]

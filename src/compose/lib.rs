@@ -1,4 +1,8 @@
-//! Evaluates networks: finds, reads, scores and tabulates pictures with ground truth.
+//! Composes examples for networks, and evaluates networks.
+//!
+//! [`Composition`] has the distributions of examples that are composed of tuples in linear light.
+//!
+//! Evaluation finds, reads, scores and tabulates pictures with ground truth:
 //!
 //! ```text
 //! folders, index -> pairs (pictures and their truths) -> picture (8-bit RGB) -> lanczos -> methods -> score -> summary -> table
@@ -19,6 +23,7 @@
 mod align;
 mod bootstrap;
 mod code_sums;
+mod composition;
 mod error;
 mod factor;
 mod fit;
@@ -31,6 +36,7 @@ mod outputs;
 mod pairs;
 mod per_image;
 mod picture;
+mod random;
 mod run;
 mod score;
 mod ssim;
@@ -41,6 +47,11 @@ mod veil;
 
 pub use align::{MAX_ALIGNED_SHIFT_PX, Shift, shift_px};
 pub use bootstrap::Interval;
+pub use composition::{
+    Camera, ComposedExample, Composition, CompositionError, Cut, Draw, DrawnCamera, DrawnExposure,
+    DrawnStrength, Exposure, LUMINANCE, Layer, Layering, LinearExample, LinearMixture, LinearTuple,
+    LogNormal, PercentileExposure, Side, Strength, TupleLayers, srgb_code,
+};
 pub use error::EvaluateError;
 pub use factor::{Factor, own_best_factor};
 pub use fit::{Baselines, Rules, fit_baselines};
@@ -51,7 +62,8 @@ pub use method::{GROUP_FACTOR, Given, Method, OWN_FACTOR, Unmade, row_names};
 pub use outputs::OutputFolder;
 pub use pairs::{Found, Pair, find_pairs};
 pub use per_image::{Row, per_image_csv};
-pub use picture::{decode_picture, read_picture};
+pub use picture::{decode_picture, read_photo, read_picture};
+pub use random::Stream;
 pub use run::{Scored, Setting, run};
 pub use score::{Scores, psnr_colour_db, score};
 pub use ssim::ssim_grey;

@@ -2,7 +2,7 @@
 
 use super::EvaluateError;
 use image::RgbImage;
-use render::formats::{NamedBytes, decode_srgb_picture};
+use render::formats::{NamedBytes, Photo, decode_srgb_picture};
 use std::path::Path;
 
 /// Reads a PNG or JPEG file; the ending of its name does not matter. See [`decode_picture`].
@@ -10,6 +10,17 @@ pub fn read_picture(path: &Path) -> Result<RgbImage, EvaluateError> {
     let bytes = render::input_file::read(path)
         .map_err(|source| EvaluateError::Read { path: path.to_owned(), source })?;
     decode_picture(path, bytes)
+}
+
+/// Reads a PNG or JPEG file that a program changes and writes again; the pixels are those of [`decode_picture`].
+pub fn read_photo(path: &Path) -> Result<Photo, EvaluateError> {
+    let bytes = render::input_file::read(path)
+        .map_err(|source| EvaluateError::Read { path: path.to_owned(), source })?;
+    let photo = Photo::decode(&NamedBytes { path: path.to_owned(), bytes })?;
+    if !photo.picture.is_opaque {
+        return Err(EvaluateError::Transparent { path: path.to_owned() });
+    }
+    Ok(photo)
 }
 
 /// Decodes the bytes of a PNG or JPEG file; `path` appears in messages.

@@ -201,7 +201,7 @@ mod tests {
         for (method, psnr_db) in [("input", 10.0), ("veil", 11.0), ("net", 12.0), ("best", 13.0)] {
             for (image, group) in [("1", "a"), ("2", "a"), ("3", "b")] {
                 let (group, oracle) = (Some(group.to_owned()), method == "best");
-                rows.push(Row { group, oracle, ..row(method, image, None, psnr_db) });
+                rows.push(Row { oracle, group, ..row(method, image, None, psnr_db) });
             }
         }
         let text = tabulated(&rows, Some("veil"), Protocol::Paper);

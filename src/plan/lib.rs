@@ -1,7 +1,7 @@
 //! Planning: turns a recipe (distributions) into scene lines (`render::line`), one resolved scene per line.
 //!
 //! ```text
-//! recipe, source, param, focus, light, training   the TOML file      recipe_check, source_check, recipe_schema   its rules
+//! recipe, source, param, focus, light, training   the TOML file      recipe_check, source_check, training_check, recipe_schema   its rules
 //! diode, places, list                             list the photographs of a source
 //! split -> pair -> assign                         photographs to splits, pairs and scenes; substitutes for excluded ones
 //! draw, source_values, sections -> expand         random numbers, values of photographs; scene lines
@@ -43,6 +43,7 @@ mod source_check;
 mod source_values;
 mod split;
 mod training;
+mod training_check;
 
 pub use check::{InvalidInput, invalid_text};
 pub use cost::{Calibration, Cost, Estimate, cost};
@@ -58,5 +59,7 @@ pub use recipe_error::RecipeError;
 pub use recipe_schema::recipe_schema;
 pub use request::{DraftError, Progress, Request};
 pub use training::{
-    ExampleKind, FeatureSource, PixelSource, SettingError, Stage, Start, TrainRecipe, TrainSettings,
+    ExampleKind, FREE, FeatureSource, NetworkKind, OptimizerKind, PixelSource, ScheduleKind, Stage,
+    Start, TrainRecipe, TrainSettings,
 };
+pub use training_check::SettingError;

@@ -6,7 +6,7 @@ use super::places::depth_root;
 use super::recipe::{CameraRecipe, RECIPE_SCHEMA, Recipe};
 use super::recipe_error::RecipeError;
 use super::source::Layout;
-use super::training::{FeatureSource, TrainRecipe};
+use super::training::{FeatureSource, NetworkKind, ScheduleKind, TrainRecipe};
 use render::ids::SceneId;
 use render::line::{is_root_name, limits::limit_of};
 use std::collections::BTreeMap;
@@ -34,7 +34,7 @@ impl Recipe {
 
     /// Reports errors of `[train]` before any scene is traced.
     fn check_train(&self) -> Result<(), RecipeError> {
-        let Some(TrainRecipe { settings, .. }) = &self.train else {
+        let Some(TrainRecipe { settings, backtrack_steps, separation_steps }) = &self.train else {
             return Ok(());
         };
         settings.validate().map_err(|e| RecipeError::Key {
@@ -45,6 +45,21 @@ impl Recipe {
             return bad(
                 "train.settings.features",
                 "is \"file\", but a recipe cannot name the file: remove [train] and run `glasshouse train --features FILE`".to_owned(),
+            );
+        }
+        if settings.network == NetworkKind::Unet && *backtrack_steps > 0 {
+            return bad(
+                "train.backtrack_steps",
+                format!("is {backtrack_steps}, but a U-Net has no BT-net: set it to 0"),
+            );
+        }
+        let last = settings.schedule_steps;
+        if settings.schedule == ScheduleKind::Cosine && (1..*separation_steps).contains(&last) {
+            return bad(
+                "train.settings.schedule_steps",
+                format!(
+                    "is {last}, but separation_steps is {separation_steps}: the rate is 0 after the cosine"
+                ),
             );
         }
         if settings.real_share > 0.0 {

@@ -33,6 +33,16 @@ pub struct Origin {
     pub backtrack: Option<(u64, String)>,
 }
 
+/// Settings that changed when a training resumed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Change {
+    /// Last step with the old settings.
+    pub after_step: u64,
+    /// One entry per setting: `name: old -> new`.
+    pub changes: Vec<String>,
+}
+
 /// Contents of `state.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -48,6 +58,9 @@ pub struct CheckpointState {
     /// Number of trainable weights.
     pub parameters: usize,
     pub settings: TrainSettings,
+    /// Changes of settings since the first step, in order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub history: Vec<Change>,
     pub origin: Origin,
     /// Instruction set of matrix products, which affects the last bits.
     pub code_path: String,
@@ -101,7 +114,7 @@ pub enum CheckpointError {
     #[error("the checkpoint {} cannot be used: {reason}", path.display())]
     Damaged { path: PathBuf, reason: String },
     #[error(
-        "the networks of step {step} are not written: {reason}; earlier checkpoints stay. A smaller learning rate may help, in a new run (settings are frozen)"
+        "the networks of step {step} are not written: {reason}; earlier checkpoints stay. A smaller --learning-rate may help"
     )]
     Exploded { step: u64, reason: String },
     #[error(transparent)]
@@ -148,6 +161,7 @@ pub fn write_checkpoint(
     learner: &Learner,
     settings: &TrainSettings,
     origin: &Origin,
+    history: &[Change],
     validation_psnr_db: Option<f64>,
 ) -> Result<PathBuf, CheckpointError> {
     let path = checkpoint_folder(stage_folder, step);
@@ -169,6 +183,7 @@ pub fn write_checkpoint(
         discriminator_steps: learner.discriminator_adam.as_ref().map_or(0, |adam| adam.steps),
         parameters: learner.parameters(),
         settings: settings.clone(),
+        history: history.to_vec(),
         origin: origin.clone(),
         code_path: code_path().to_owned(),
         validation_psnr_db,

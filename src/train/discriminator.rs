@@ -2,7 +2,7 @@
 
 use super::generator::{SLOPE, See, frozen, learning, numbered};
 use super::ops::{NormOptions, Window, conv2d, norm_act};
-use super::random::Stream;
+use super::random::{RandomTensor, Stream};
 use candle_core::{DType, Device, Result, Tensor, Var};
 
 /// Output channels of the first four 4 x 4 convolutions, in multiples of the width. The fifth has one output channel.

@@ -25,6 +25,15 @@ pub enum TrainError {
         run = run.display()
     )]
     NoBacktrack { run: PathBuf },
+    #[error(
+        "a U-Net has no BT-net, so it has no backtrack stage: train it with `glasshouse train {run} --stage separation --network unet --steps S`",
+        run = run.display()
+    )]
+    NoBacktrackStage { run: PathBuf },
+    #[error(
+        "the cosine of the learning rate ends at step {end}, before step {steps}: train to step {end}, or continue with --schedule-steps {steps} (the rate then rises again, to the larger cosine) or another --schedule"
+    )]
+    ScheduleEnds { end: u64, steps: u64 },
     #[error(transparent)]
     Setting(#[from] SettingError),
     #[error(
@@ -61,7 +70,7 @@ pub enum TrainError {
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
     #[error(
-        "the loss of step {step} is {loss}; earlier checkpoints stay. A smaller learning rate may help, in a new run (settings are frozen)"
+        "the loss of step {step} is {loss}; earlier checkpoints stay. A smaller --learning-rate may help"
     )]
     NotFinite { step: u64, loss: f32 },
 }

@@ -1,6 +1,6 @@
 //! One example: up to four images of one size, sRGB-coded.
 
-use super::random::Stream;
+use compose::{ComposedExample, Cut};
 
 /// Three planes R, G, B of one image, row by row, each value in [0, 1].
 pub type Planes = Vec<f32>;
@@ -14,38 +14,6 @@ pub struct Example {
     /// `None` if the tuple or pair lacks this layer; the same holds for `clean_reflection`.
     pub glass_reflection: Option<Planes>,
     pub clean_reflection: Option<Planes>,
-}
-
-/// The crop of an example in a step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Cut {
-    /// First row.
-    pub row: usize,
-    /// First column.
-    pub column: usize,
-    /// Side, px.
-    pub size: usize,
-    /// True if the crop is flipped left to right.
-    pub mirrored: bool,
-}
-
-impl Cut {
-    /// Draws a square crop with a side of `size` px; returns `None` if the image is smaller.
-    pub fn draw(
-        rows: usize,
-        columns: usize,
-        size: usize,
-        flip: bool,
-        stream: &mut Stream,
-    ) -> Option<Self> {
-        if rows < size || columns < size {
-            return None;
-        }
-        let row = stream.below(rows - size + 1);
-        let column = stream.below(columns - size + 1);
-        let mirrored = stream.unit() < 0.5;
-        Some(Self { row, column, size, mirrored: flip && mirrored })
-    }
 }
 
 impl Example {
@@ -91,9 +59,23 @@ impl Example {
     }
 }
 
+impl From<ComposedExample> for Example {
+    fn from(example: ComposedExample) -> Self {
+        Self {
+            rows: example.side_px,
+            columns: example.side_px,
+            input: example.input,
+            transmission: example.transmission,
+            glass_reflection: Some(example.glass_reflection),
+            clean_reflection: example.clean_reflection,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use compose::Stream;
 
     #[test]
     fn cuts_crop_and_mirror_every_layer() {

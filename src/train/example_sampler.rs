@@ -1,9 +1,9 @@
 //! Choice of the examples of a step, as a function of the settings, the seed and the step.
 
-use super::example::{Cut, Example};
+use super::example::Example;
 use super::mixture::MixtureRecipe;
-use super::random::Stream;
 use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
+use compose::{Cut, Stream};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
 use image::{Rgb32FImage, imageops};
 use plan::{ExampleKind, TrainSettings};
@@ -25,7 +25,7 @@ pub enum SceneSource {
 }
 
 impl SceneSource {
-    fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         match self {
             Self::Tuples(source) => source.lines.len(),
             Self::Photographs(source) => source.lines.len(),
@@ -33,22 +33,27 @@ impl SceneSource {
     }
 }
 
-/// Examples and photographs kept in memory for later epochs.
+/// Tuples, real pairs and photographs kept in memory for later epochs. What is kept changes no example. A full memory
+/// keeps what it has: each epoch uses every scene once, and any scene is as likely as another to give a reflection, so
+/// a newer one would not be used more often.
 struct Kept {
     bytes: usize,
     bases: HashMap<(bool, usize), Arc<Base>>,
 }
 
+/// Permutations by name and epoch.
+type Orders = HashMap<(&'static str, u64), Vec<usize>>;
+
 /// Reader of the examples of every step.
 pub struct ExampleSampler {
-    settings: TrainSettings,
-    scenes: SceneSource,
+    pub(super) settings: TrainSettings,
+    pub(super) scenes: SceneSource,
     real: PairSource,
     /// Memory for examples, bytes. A data set that fits is read once.
     memory: usize,
     kept: Mutex<Kept>,
-    /// The current epoch of each order, by name, and its permutation.
-    orders: Mutex<HashMap<&'static str, (u64, Vec<usize>)>>,
+    /// Permutations of the current and the next epoch of each order, by name.
+    orders: Mutex<Orders>,
     /// Channel that is closed when the loader is dropped.
     stopped: Receiver<()>,
 }
@@ -100,12 +105,12 @@ impl ExampleSampler {
                 let name = if is_real { "real" } else { "scene" };
                 let mut stream =
                     Stream::new(self.settings.seed, &format!("{name} example {position}"));
-                let example = if is_real {
-                    self.real_example(position, &mut stream)?
+                if is_real {
+                    let example = self.real_example(position, &mut stream)?;
+                    self.cut(&example, &mut stream)
                 } else {
-                    self.scene_example(position, &mut stream)?
-                };
-                self.cut(&example, &mut stream)
+                    self.scene_example(position, &mut stream)
+                }
             })
             .collect()
     }
@@ -126,13 +131,13 @@ impl ExampleSampler {
         stream: &mut Stream,
     ) -> Result<Option<Example>, ExampleError> {
         let (front, back) = match base {
-            None => return Ok(None),
+            None | Some(Base::Linear(_)) => return Ok(None),
             Some(Base::Example(example)) => return Ok(Some(example.clone())),
             Some(Base::Photographs { front, back }) => (front, back),
         };
         let recipe = match self.settings.examples {
             ExampleKind::Ceilnet => MixtureRecipe::Ceilnet,
-            ExampleKind::Zhang | ExampleKind::Rendered => MixtureRecipe::Zhang,
+            _ => MixtureRecipe::Zhang,
         };
         let mixture =
             recipe.mix(front, back, stream).map_err(|e| ExampleError::None(e.to_string()))?;
@@ -150,26 +155,18 @@ impl ExampleSampler {
     fn scene_example(&self, position: u64, stream: &mut Stream) -> Result<Example, ExampleError> {
         let count = self.scenes.len();
         for further in 0..count as u64 {
-            let index = self.place(position + further, count, "scene order");
-            let base = match &self.scenes {
-                SceneSource::Photographs(source) => {
-                    self.base((false, index), || source.read(index).map(Some))?
-                }
-                SceneSource::Tuples(source) => loop {
-                    let found = self.base((false, index), || source.read(index))?;
-                    if found.is_some() || !self.settings.follow || source.is_in_quarantine(index)? {
-                        break found;
-                    }
-                    // The farm has not finished the scene yet.
-                    match self.stopped.recv_timeout(LOOK_EVERY) {
-                        Err(RecvTimeoutError::Timeout) => {}
-                        _ => return Err(ExampleError::Stopped),
-                    }
-                },
-            };
+            let place = position + further;
+            let index = self.place(place, count, "scene order");
+            let base = self.scene(index)?;
             // The next scene replaces a scene without a tuple, or with photographs that the recipe rejects.
+            if let Some(Base::Linear(front)) = base.as_deref() {
+                // With `follow`, the farm renders the scenes of the first epoch in order.
+                let others =
+                    if self.settings.follow && place < count as u64 { index } else { count - 1 };
+                return self.composed(position, [index, others], front, stream);
+            }
             if let Some(example) = self.drawn(base.as_deref(), stream)? {
-                return Ok(example);
+                return self.cut(&example, stream);
             }
         }
         Err(ExampleError::None(
@@ -178,26 +175,47 @@ impl ExampleSampler {
         ))
     }
 
+    /// Returns the tuple or the photographs of a scene; `None` without a tuple. With `follow`, waits until the scene has
+    /// a tuple or is in quarantine.
+    pub(super) fn scene(&self, index: usize) -> Result<Option<Arc<Base>>, ExampleError> {
+        let source = match &self.scenes {
+            SceneSource::Photographs(source) => {
+                return self.base((false, index), || source.read(index).map(Some));
+            }
+            SceneSource::Tuples(source) => source,
+        };
+        let is_linear = self.settings.examples.is_composed();
+        let read = || if is_linear { source.read_linear(index) } else { source.read(index) };
+        loop {
+            let found = self.base((false, index), read)?;
+            if found.is_some() || !self.settings.follow || source.is_in_quarantine(index)? {
+                return Ok(found);
+            }
+            // The farm has not finished the scene yet.
+            match self.stopped.recv_timeout(LOOK_EVERY) {
+                Err(RecvTimeoutError::Timeout) => {}
+                _ => return Err(ExampleError::Stopped),
+            }
+        }
+    }
+
     /// Maps a position to an index below `count`. Shuffles every epoch separately, except the first with `follow`.
     fn place(&self, position: u64, count: usize, name: &'static str) -> usize {
         let (epoch, place) = (position / count as u64, (position % count as u64) as usize);
         if self.settings.follow && epoch == 0 {
             return place;
         }
-        let of = |epoch: u64| {
-            let mut stream = Stream::new(self.settings.seed, &format!("{name} {epoch}"));
-            stream.permutation(count)
-        };
         let mut orders = self.orders.lock().expect("no holder of this lock panics");
-        match orders.get(name) {
-            Some((of_epoch, order)) if *of_epoch == epoch => order[place],
-            _ => {
-                let order = of(epoch);
-                let index = order[place];
-                orders.insert(name, (epoch, order));
-                index
-            }
+        if let Some(order) = orders.get(&(name, epoch)) {
+            return order[place];
         }
+        let mut stream = Stream::new(self.settings.seed, &format!("{name} {epoch}"));
+        let order = stream.permutation(count);
+        let index = order[place];
+        // Readers that are ahead use the next epoch.
+        orders.retain(|(other, old), _| *other != name || *old + 1 >= epoch);
+        orders.insert((name, epoch), order);
+        index
     }
 
     /// Returns the kept base of a key, or the result of `read`, which is then kept if memory allows.
@@ -214,7 +232,8 @@ impl ExampleSampler {
             return Ok(None);
         };
         let mut kept = kept();
-        if kept.bytes + base.bytes() <= self.memory {
+        // Another reader may have read the same base meanwhile.
+        if kept.bytes + base.bytes() <= self.memory && !kept.bases.contains_key(&key) {
             kept.bytes += base.bytes();
             kept.bases.insert(key, Arc::clone(&base));
         }
@@ -224,12 +243,7 @@ impl ExampleSampler {
     fn cut(&self, example: &Example, stream: &mut Stream) -> Result<Example, ExampleError> {
         let size = self.settings.crop_px;
         let cut = Cut::draw(example.rows, example.columns, size, self.settings.flip, stream);
-        let cut = cut.ok_or_else(|| {
-            ExampleError::None(format!(
-                "an example has {} x {} px, but the crop is {size} px: make the crop smaller",
-                example.columns, example.rows
-            ))
-        })?;
+        let cut = cut.ok_or_else(|| too_small(example.rows, example.columns, size))?;
         Ok(example.cut(cut))
     }
 
@@ -262,6 +276,12 @@ impl ExampleSampler {
             out
         })
     }
+}
+
+pub(super) fn too_small(rows: usize, columns: usize, crop_px: usize) -> ExampleError {
+    ExampleError::None(format!(
+        "an example has {columns} x {rows} px, but the crop is {crop_px} px: make the crop smaller"
+    ))
 }
 
 /// Returns the number of steps with real photographs among the first `steps`; such steps are evenly spread.

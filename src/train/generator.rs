@@ -1,8 +1,8 @@
 //! The generator of Zhang, Ng and Chen (CVPR 2018), with a hypercolumn, dilated convolutions and adaptive norms. SP-net
 //! and BT-net share the architecture.
 
-use super::ops::{NormOptions, Window, bilinear, conv2d, norm_act};
-use super::random::Stream;
+use super::ops::{NormOptions, Window, bilinear, channel_statistics, conv2d, norm_act};
+use super::random::{RandomTensor, Stream};
 use candle_core::{DType, Device, Result, Tensor, Var};
 use plan::Start;
 
@@ -10,6 +10,9 @@ use plan::Start;
 pub const DILATIONS: [usize; 8] = [1, 2, 4, 8, 16, 32, 64, 1];
 
 const EPSILON: f64 = 1e-3;
+
+/// Largest distance between an output pixel and the input pixels that change it, px, apart from features and norms.
+pub(super) const REACH_PX: usize = 128;
 
 /// Slope of the leaky ReLU for negative numbers (Zhang et al.).
 pub const SLOPE: f32 = 0.2;
@@ -38,6 +41,8 @@ pub struct Generator {
     last: Var,
     last_bias: Var,
     norm: NormOptions,
+    /// True if the first three outputs are added to the images.
+    is_residual: bool,
 }
 
 impl Generator {
@@ -53,12 +58,13 @@ impl Generator {
             last: Var::zeros((options.outputs, width, 1, 1), DType::F32, device)?,
             last_bias: Var::zeros(options.outputs, DType::F32, device)?,
             norm: NormOptions { epsilon: EPSILON, slope: options.slope },
+            is_residual: options.start == Start::Residual,
         };
         for layer in 0..=DILATIONS.len() {
             let (channels, size) = if layer == 0 { (inputs, 1) } else { (width, 3) };
             let shape = [width, channels, size, size];
             let kernel = match options.start {
-                Start::Identity => identity(shape, device)?,
+                Start::Identity | Start::Residual => identity(shape, device)?,
                 Start::Random => {
                     let deviation = (2.0 / (channels * size * size) as f64).sqrt();
                     let mut stream = Stream::new(seed, &format!("{name} kernel.{layer}"));
@@ -69,6 +75,9 @@ impl Generator {
             generator.by_itself.push(Var::ones(1, DType::F32, device)?);
             generator.by_norm.push(Var::zeros(1, DType::F32, device)?);
             generator.offsets.push(Var::zeros(width, DType::F32, device)?);
+        }
+        if generator.is_residual {
+            return Ok(generator);
         }
         // Initialisation of Glorot and Bengio, as in Zhang et al.
         let deviation = (2.0 / (width + options.outputs) as f64).sqrt();
@@ -98,24 +107,40 @@ impl Generator {
     /// Computes the output (batch, outputs, rows, columns), not clamped, from sRGB-coded images (batch, 3, rows,
     /// columns) and their features, finest first.
     pub fn forward(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
-        self.forward_by(images, features, learning)
+        self.forward_by(images, features, learning, &mut Norms::Batch)
     }
 
     /// Computes the output with detached weights, which receive no gradients.
-    pub fn forward_frozen(&self, images: &Tensor, features: &[Tensor]) -> Result<Tensor> {
-        self.forward_by(images, features, frozen)
+    pub fn forward_frozen(
+        &self,
+        images: &Tensor,
+        features: &[Tensor],
+        norms: &mut Norms,
+    ) -> Result<Tensor> {
+        self.forward_by(images, features, frozen, norms)
     }
 
-    fn forward_by(&self, images: &Tensor, features: &[Tensor], see: See) -> Result<Tensor> {
+    fn forward_by(
+        &self,
+        images: &Tensor,
+        features: &[Tensor],
+        see: See,
+        norms: &mut Norms,
+    ) -> Result<Tensor> {
         let mut x = self.first(images, features, see)?;
-        x = self.norm(0, &x, see)?;
+        x = self.norm(0, &x, see, norms)?;
         for (layer, dilation) in DILATIONS.into_iter().enumerate() {
             let kernel = see(&self.kernels[layer + 1]);
             x = conv2d(&x, &kernel, Window::same(3, dilation))?;
-            x = self.norm(layer + 1, &x, see)?;
+            x = self.norm(layer + 1, &x, see, norms)?;
         }
         let out = conv2d(&x, &see(&self.last), Window::same(1, 1))?;
-        out.broadcast_add(&see(&self.last_bias).reshape((1, (), 1, 1))?)
+        let out = out.broadcast_add(&see(&self.last_bias).reshape((1, (), 1, 1))?)?;
+        if !self.is_residual {
+            return Ok(out);
+        }
+        let more = out.dim(1)? - images.dim(1)?;
+        out + images.pad_with_zeros(1, 0, more)?
     }
 
     /// Computes the 1 x 1 convolution of the hypercolumn. The convolution commutes with resizing, so each feature is
@@ -138,15 +163,41 @@ impl Generator {
         sum.ok_or_else(|| candle_core::Error::Msg("generator: no image".to_owned()))
     }
 
-    fn norm(&self, layer: usize, x: &Tensor, see: See) -> Result<Tensor> {
+    fn norm(&self, layer: usize, x: &Tensor, see: See, norms: &mut Norms) -> Result<Tensor> {
         let channels = x.dim(1)?;
-        let by_itself = see(&self.by_itself[layer]).broadcast_as(channels)?;
-        let by_norm = see(&self.by_norm[layer]).broadcast_as(channels)?;
+        let by_itself = see(&self.by_itself[layer]).broadcast_as(channels)?.contiguous()?;
+        let by_norm = see(&self.by_norm[layer]).broadcast_as(channels)?.contiguous()?;
         let offset = by_norm.mul(&see(&self.offsets[layer]))?;
-        let coefficients =
-            Tensor::stack(&[by_itself.contiguous()?, by_norm.contiguous()?, offset], 0)?;
-        norm_act(x, &coefficients, self.norm)
+        let coefficients = match norms {
+            Norms::Given(statistics) => {
+                // norm(x) is (x - mean) scale, so the layer is linear before its leaky ReLU.
+                let [mean, scale] = &statistics.0[layer];
+                let scale = by_norm.mul(scale)?;
+                let offset = (offset - mean.mul(&scale)?)?;
+                [(by_itself + scale)?, by_norm.zeros_like()?, offset]
+            }
+            Norms::Record(statistics) => {
+                statistics.0.push(channel_statistics(x, self.norm.epsilon)?);
+                [by_itself, by_norm, offset]
+            }
+            Norms::Batch => [by_itself, by_norm, offset],
+        };
+        norm_act(x, &Tensor::stack(&coefficients, 0)?, self.norm)
     }
+}
+
+/// Means and scales `1 / sqrt(variance + epsilon)` of the channels of each layer, over the pixels of an image.
+#[derive(Default)]
+pub struct Statistics(Vec<[Tensor; 2]>);
+
+/// Source of the statistics with which a pass normalises.
+pub enum Norms<'a> {
+    /// The batch itself, as in training.
+    Batch,
+    /// The batch itself; they are also added to these.
+    Record(&'a mut Statistics),
+    /// Those of another pass, so that parts of an image are normalised like the whole.
+    Given(&'a Statistics),
 }
 
 /// Returns the variables of all lists, each with the name `LIST.INDEX`.
@@ -205,6 +256,25 @@ mod tests {
         let layers = 64 * 1475 + 8 * 64 * 64 * 9 + 9 * (64 + 2);
         assert_eq!(count(6), layers + 6 * 65);
         assert_eq!(count(3), layers + 3 * 65);
+    }
+
+    #[test]
+    fn residual_generators_begin_as_the_identity() {
+        let image =
+            Stream::new(1, "image").normal_tensor(&[1, 3, 9, 8], 1.0, &Device::Cpu).unwrap();
+        let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        for outputs in [3, 6] {
+            let options = GeneratorOptions {
+                width: 4,
+                features: Vec::new(),
+                ..options(outputs, Start::Residual)
+            };
+            let made = Generator::new(&options, 1, "g", &Device::Cpu).unwrap();
+            let made = numbers(&made.forward(&image, &[]).unwrap());
+            let mut expected = numbers(&image);
+            expected.resize(made.len(), 0.0);
+            assert_eq!(made, expected);
+        }
     }
 
     #[test]

@@ -1,61 +1,98 @@
 //! Inference on images of any size.
 
 use super::example::Planes;
-use super::generator::Generator;
+use super::generator::{Generator, Norms, REACH_PX, Statistics};
 use super::picture::Picture;
+use super::separation_net::SeparationNet;
+use super::tiles::{Tiling, by_tiles, tensor_of};
 use super::vgg::Vgg;
-use candle_core::{Result, Tensor};
-
-/// Least overlap of neighbouring tiles, px: the combined reach of a generator's convolutions.
-const OVERLAP: usize = 128;
+use candle_core::{Device, Result, Tensor};
+use compose::shrink_to;
+use rayon::prelude::*;
+use render::color::{decode_srgb, linear_to_srgb};
 
 /// Least side of an image for VGG-19 with its four pools, px.
 pub const LEAST_PX: usize = 16;
-
-/// Least side of a tile, px; smaller settings are raised to it.
-pub const LEAST_TILE_PX: usize = 2 * OVERLAP + LEAST_PX;
 
 /// The networks of a checkpoint.
 #[derive(Clone, Copy)]
 pub struct Networks<'a> {
     /// Feature network, if the networks use features.
     pub vgg: Option<&'a Vgg>,
-    pub separation: Option<&'a Generator>,
-    pub backtrack: &'a Generator,
+    pub separation: Option<&'a SeparationNet>,
+    /// BT-net; `None` beside a U-Net.
+    pub backtrack: Option<&'a Generator>,
 }
 
 impl Networks<'_> {
-    /// Computes T* and R~* of an image, clamped to [0, 1]. Splits images larger than `tile_px` a side into overlapping
-    /// tiles and normalises each tile separately. Fails if the network makes values that are not finite.
+    /// Computes T* and R~* of an image, clamped to [0, 1]; R~* of a network with T* alone is the light of I less that of
+    /// T*, at least 0. Divides an image larger than `tile_px` a side into tiles, whose outputs equal those of the whole
+    /// image except for features at the cuts; norms use the statistics of the whole image, reduced to the size of a tile.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the network makes values that are not finite.
     pub fn separate(&self, image: &Picture, tile_px: usize) -> Result<[Picture; 2]> {
         let Some(separation) = self.separation else {
             candle_core::bail!(
                 "the checkpoint has no SP-net: use a checkpoint of the separation stage"
             );
         };
-        let both = self.by_tiles(separation, image, 6, tile_px)?;
-        let (t, r) = both.split_at(both.len() / 2);
-        Ok([t, r].map(|planes| Picture {
-            rows: image.rows,
-            columns: image.columns,
-            planes: planes.to_vec(),
-        }))
+        let has_one = separation.has_transmission_alone();
+        let pass = |tile: &Tensor, norms: &mut Norms| {
+            let features =
+                if separation.needs_features() { self.features(tile)? } else { Vec::new() };
+            let made = separation.forward_frozen(tile, &features, norms)?;
+            match &made.glass_reflection {
+                Some(r) => Tensor::cat(&[&made.transmission, r], 1),
+                None => Ok(made.transmission),
+            }
+        };
+        let outputs = if has_one { 3 } else { 6 };
+        let network = Pass {
+            tiling: separation.tiling(tile_px),
+            outputs,
+            has_norms: separation.has_norms(),
+            device: separation.device(),
+        };
+        let mut t = network.planes(image, pass)?;
+        let r =
+            if has_one { difference_of_light(&image.planes, &t) } else { t.split_off(t.len() / 2) };
+        Ok([t, r].map(|planes| Picture { planes, ..*image }))
     }
 
     /// Computes R* of an R~ or R~*, clamped to [0, 1].
     pub fn track_back(&self, reflection: &Picture, tile_px: usize) -> Result<Picture> {
-        Ok(Picture {
-            planes: self.by_tiles(self.backtrack, reflection, 3, tile_px)?,
-            ..*reflection
-        })
+        let Some(backtrack) = self.backtrack else {
+            candle_core::bail!("the checkpoint has a U-Net, which has no BT-net");
+        };
+        let tiling = Tiling { tile_px, reach_px: REACH_PX, period_px: 1 };
+        let network = Pass { tiling, outputs: 3, has_norms: true, device: backtrack.device() };
+        let planes = network.planes(reflection, |tile, norms| {
+            backtrack.forward_frozen(tile, &self.features(tile)?, norms)
+        })?;
+        Ok(Picture { planes, ..*reflection })
     }
 
-    fn by_tiles(
+    fn features(&self, tile: &Tensor) -> Result<Vec<Tensor>> {
+        self.vgg.map_or_else(|| Ok(Vec::new()), |vgg| vgg.features(tile))
+    }
+}
+
+/// What a network needs to process an image.
+struct Pass<'a> {
+    tiling: Tiling,
+    /// Number of output channels.
+    outputs: usize,
+    has_norms: bool,
+    device: &'a Device,
+}
+
+impl Pass<'_> {
+    fn planes(
         &self,
-        network: &Generator,
         image: &Picture,
-        outputs: usize,
-        tile_px: usize,
+        forward: impl Fn(&Tensor, &mut Norms) -> Result<Tensor>,
     ) -> Result<Planes> {
         if image.rows < LEAST_PX || image.columns < LEAST_PX {
             candle_core::bail!(
@@ -64,127 +101,138 @@ impl Networks<'_> {
                 image.rows
             );
         }
-        let tile = tile_px.max(LEAST_TILE_PX);
-        let (down, across) = (starts(image.rows, tile), starts(image.columns, tile));
-        let pixels = image.rows * image.columns;
-        let mut sums = vec![0.0f32; outputs * pixels];
-        let mut weights = vec![0.0f32; pixels];
-        for &top in &down {
-            for &left in &across {
-                let (rows, columns) = (tile.min(image.rows), tile.min(image.columns));
-                let made = self.tile(network, image, [top, left], [rows, columns])?;
-                let ramp_down = ramp(top, rows, image.rows);
-                let ramp_across = ramp(left, columns, image.columns);
-                for y in 0..rows {
-                    let at = (top + y) * image.columns + left;
-                    for x in 0..columns {
-                        let weight = ramp_down[y] * ramp_across[x];
-                        weights[at + x] += weight;
-                        for c in 0..outputs {
-                            sums[c * pixels + at + x] +=
-                                weight * made[(c * rows + y) * columns + x];
-                        }
-                    }
-                }
-            }
+        let Self { tiling, outputs, device, .. } = *self;
+        if !self.has_norms || !tiling.divides(image) {
+            return by_tiles(image, tiling, outputs, device, |tile| {
+                forward(tile, &mut Norms::Batch)
+            });
         }
-        for plane in sums.chunks_exact_mut(pixels) {
-            for (sum, weight) in plane.iter_mut().zip(&weights) {
-                *sum = (*sum / weight).clamp(0.0, 1.0);
-            }
-        }
-        Ok(sums)
-    }
-
-    fn tile(
-        &self,
-        network: &Generator,
-        image: &Picture,
-        [top, left]: [usize; 2],
-        [rows, columns]: [usize; 2],
-    ) -> Result<Vec<f32>> {
-        let mut values = Vec::with_capacity(3 * rows * columns);
-        for plane in image.planes.chunks_exact(image.rows * image.columns) {
-            for y in top..top + rows {
-                values.extend_from_slice(&plane[y * image.columns + left..][..columns]);
-            }
-        }
-        let tensor = Tensor::from_vec(values, (1, 3, rows, columns), network.device())?;
-        let features = match self.vgg {
-            Some(vgg) => vgg.features(&tensor)?,
-            None => Vec::new(),
-        };
-        let out = network.forward_frozen(&tensor, &features)?;
-        let values: Vec<f32> = out.flatten_all()?.to_vec1()?;
-        // Clamping would turn them into black.
-        if let Some(value) = values.iter().find(|value| !value.is_finite()) {
-            candle_core::bail!("the network makes values that are not finite ({value})");
-        }
-        Ok(values)
+        let small = shrink_to(image.to_rgb(), tiling.tile_px.try_into().unwrap_or(u32::MAX));
+        let small = Picture::from_rgb(&small);
+        let whole = tensor_of(&small, &(0..small.rows), &(0..small.columns), device)?;
+        let mut statistics = Statistics::default();
+        forward(&whole, &mut Norms::Record(&mut statistics))?;
+        by_tiles(image, tiling, outputs, device, |tile| {
+            forward(tile, &mut Norms::Given(&statistics))
+        })
     }
 }
 
-/// Returns the first pixels of evenly spread tiles that cover `length` and overlap by at least [`OVERLAP`].
-fn starts(length: usize, tile: usize) -> Vec<usize> {
-    if length <= tile {
-        return vec![0];
-    }
-    let more = (length - tile).div_ceil(tile - OVERLAP);
-    (0..=more).map(|k| k * (length - tile) / more).collect()
-}
-
-/// Returns the weights of a tile's pixels, with a ramp at edges that another tile overlaps.
-fn ramp(start: usize, size: usize, length: usize) -> Vec<f32> {
-    let weight = |k: usize| {
-        let before = if start == 0 { OVERLAP } else { k + 1 };
-        let after = if start + size == length { OVERLAP } else { size - k };
-        before.min(after).min(OVERLAP) as f32 / OVERLAP as f32
-    };
-    (0..size).map(weight).collect()
+/// Returns the codes of the light of `input` less that of `transmission`, at least 0.
+fn difference_of_light(input: &[f32], transmission: &[f32]) -> Planes {
+    let pairs = input.par_iter().zip(transmission).with_min_len(1 << 12);
+    let light = |code: f32| decode_srgb(f64::from(code));
+    pairs
+        .map(|(i, t)| linear_to_srgb((light(*i) - light(*t)).max(0.0) as f32).min(1.0) as f32)
+        .collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{GeneratorOptions, SLOPE, Start, Stream};
-    use candle_core::Device;
+    use crate::{Generator, GeneratorOptions, RandomTensor, SLOPE, Start, Stream};
+    use plan::{NetworkKind, TrainSettings};
 
-    #[test]
-    fn tiles_cover_every_pixel() {
-        for length in [16, 300, 301, 700, 1000, 5000] {
-            let starts = starts(length, 300);
-            assert_eq!(starts[0], 0);
-            assert_eq!(starts.last().unwrap() + 300.min(length), length.max(300.min(length)));
-            assert!(starts.windows(2).all(|w| w[1] - w[0] <= 300 - OVERLAP));
-            assert!(ramp(0, 300.min(length), length).iter().all(|w| *w > 0.0));
+    const OPTIONS: GeneratorOptions = GeneratorOptions {
+        width: 4,
+        outputs: 6,
+        features: Vec::new(),
+        start: Start::Random,
+        slope: SLOPE,
+    };
+
+    fn noise(rows: usize, columns: usize) -> Picture {
+        let mut stream = Stream::new(1, "picture");
+        let planes = (0..3 * rows * columns).map(|_| stream.unit() as f32).collect();
+        Picture { rows, columns, planes }
+    }
+
+    /// Gives every weight a value that matters.
+    fn disturb(variables: Vec<(String, candle_core::Var)>) {
+        for (name, variable) in variables {
+            let mut stream = Stream::new(3, &name);
+            let more = stream.normal_tensor(variable.dims(), 0.2, &Device::Cpu).unwrap();
+            variable.set(&(variable.as_tensor() + more).unwrap()).unwrap();
         }
     }
 
+    fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+    }
+
+    /// With the same statistics, tiles change nothing but the order of sums, for kernels that reach as far as they can.
     #[test]
-    fn tiling_changes_pixelwise_networks_only_by_rounding() {
-        let options = GeneratorOptions {
-            width: 4,
-            outputs: 6,
-            features: Vec::new(),
-            start: Start::Identity,
-            slope: SLOPE,
+    fn tiles_of_a_generator_equal_the_whole_image() {
+        let generator = Generator::new(&OPTIONS, 1, "s", &Device::Cpu).unwrap();
+        disturb(generator.variables());
+        let image = noise(340, 611);
+        let whole = tensor_of(&image, &(0..340), &(0..611), &Device::Cpu).unwrap();
+        let mut statistics = Statistics::default();
+        let expected = generator
+            .forward_frozen(&whole, &[], &mut Norms::Record(&mut statistics))
+            .and_then(|made| made.clamp(0.0, 1.0)?.flatten_all()?.to_vec1::<f32>())
+            .unwrap();
+        let inside = expected.iter().filter(|v| (0.01..0.99).contains(*v)).count();
+        assert!(inside > expected.len() / 10, "{inside}");
+        let found = |reach_px| {
+            let tiling = Tiling { tile_px: 336, reach_px, period_px: 1 };
+            let forward =
+                |tile: &Tensor| generator.forward_frozen(tile, &[], &mut Norms::Given(&statistics));
+            by_tiles(&image, tiling, 6, &Device::Cpu, forward).unwrap()
         };
-        let separation = Generator::new(&options, 1, "s", &Device::Cpu).unwrap();
-        let options = GeneratorOptions { outputs: 3, ..options };
-        let backtrack = Generator::new(&options, 1, "b", &Device::Cpu).unwrap();
-        let networks = Networks { vgg: None, separation: Some(&separation), backtrack: &backtrack };
-        let (rows, columns) = (310, 423);
-        let mut stream = Stream::new(1, "picture");
-        let planes = (0..3 * rows * columns).map(|_| stream.unit() as f32).collect();
-        let image = Picture { rows, columns, planes };
-        let [whole, _] = networks.separate(&image, 500).unwrap();
-        let [tiled, _] = networks.separate(&image, 280).unwrap();
-        // These networks process each pixel separately: their kernels are identities, and their norms have weight 0.
-        let pairs = whole.planes.iter().zip(&tiled.planes);
-        let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let worst = largest_difference(&found(REACH_PX), &expected);
+        assert!(worst < 1e-4, "{worst}");
+        let short = largest_difference(&found(REACH_PX / 4), &expected);
+        assert!(short > 10.0 * worst && short > 1e-3, "{short} {worst}");
+    }
+
+    #[test]
+    fn tiles_of_a_unet_equal_the_whole_image() {
+        let settings =
+            TrainSettings { network: NetworkKind::Unet, width: 4, ..TrainSettings::default() };
+        let separation = SeparationNet::new(&settings, &OPTIONS, &Device::Cpu).unwrap();
+        disturb(separation.variables());
+        let networks = Networks { vgg: None, separation: Some(&separation), backtrack: None };
+        let image = noise(200, 1201);
+        let [whole, _] = networks.separate(&image, 2000).unwrap();
+        let [tiled, _] = networks.separate(&image, 576).unwrap();
+        assert!(separation.tiling(576).divides(&image));
+        let worst = largest_difference(&whole.planes, &tiled.planes);
         assert!(worst < 1e-5, "{worst}");
-        let small = Picture { rows: 8, columns: 423, planes: vec![0.0; 3 * 8 * 423] };
+        assert!(largest_difference(&whole.planes, &image.planes) > 0.1);
+    }
+
+    #[test]
+    fn tiles_share_the_statistics_of_the_whole_image() {
+        let separation = Generator::new(&OPTIONS, 1, "s", &Device::Cpu).unwrap();
+        disturb(separation.variables());
+        let separation = SeparationNet::of_generator(separation);
+        let backtrack = GeneratorOptions { outputs: 3, ..OPTIONS };
+        let backtrack = Generator::new(&backtrack, 1, "b", &Device::Cpu).unwrap();
+        let networks =
+            Networks { vgg: None, separation: Some(&separation), backtrack: Some(&backtrack) };
+        // A smooth image keeps its statistics at the size of a tile. One half is dark, so tiles normalised alone differ.
+        let (rows, columns) = (330, 660);
+        let code = |k: usize| {
+            let (x, y) = ((k % columns) as f32, (k / columns % rows) as f32);
+            let light = 0.5 + 0.4 * (x / 40.0 + k as f32 / 1e5).sin() * (y / 30.0).cos();
+            if x < 330.0 { 0.2 * light } else { light }
+        };
+        let image = Picture { rows, columns, planes: (0..3 * rows * columns).map(code).collect() };
+        let error = |a: &[f32], b: &[f32]| {
+            let squares: f32 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
+            (squares / a.len() as f32).sqrt()
+        };
+        let [whole, _] = networks.separate(&image, 1000).unwrap();
+        let [tiled, _] = networks.separate(&image, 336).unwrap();
+        let alone = by_tiles(&image, separation.tiling(336), 3, &Device::Cpu, |tile| {
+            Ok(separation.forward_frozen(tile, &[], &mut Norms::Batch)?.transmission)
+        });
+        let of_tiles = error(&whole.planes, &tiled.planes);
+        let of_alone = error(&whole.planes, &alone.unwrap());
+        assert!(of_tiles < 0.6 * of_alone && of_alone > 0.01, "{of_tiles} {of_alone}");
+        let small = noise(8, 423);
         assert!(networks.separate(&small, 500).unwrap_err().to_string().contains("too small"));
-        assert_eq!(networks.track_back(&image, 500).unwrap().planes.len(), 3 * rows * columns);
+        assert_eq!(networks.track_back(&image, 336).unwrap().planes.len(), image.planes.len());
     }
 }

@@ -1,30 +1,34 @@
 //! The networks of a stage and one step of their training.
 
-use super::adam::{Adam, AdamOptions};
+use super::adam::{Adam, AdamOptions, Averages};
 use super::batch::Batch;
 use super::discriminator::Discriminator;
 use super::generator::{Generator, GeneratorOptions, SLOPE};
 use super::inference::Networks;
-use super::loss::{adversarial_loss, discriminator_loss, feature_difference, l1};
+use super::loss::{adversarial_loss, discriminator_loss};
+use super::separation_net::SeparationNet;
 use super::vgg::Vgg;
 #[cfg(test)]
 use candle_core::backprop::GradStore;
 use candle_core::{Device, Result, Tensor, Var};
-use plan::{Stage, TrainSettings};
+use plan::{NetworkKind, OptimizerKind, Stage, TrainSettings};
 use std::collections::{BTreeMap, HashMap};
 
 /// The networks of a stage and their optimisers.
 pub struct Learner {
     pub stage: Stage,
-    /// SP-net; `None` in the backtrack stage.
-    pub separation: Option<Generator>,
-    pub backtrack: Generator,
+    /// SP-net or the U-Net; `None` in the backtrack stage.
+    pub separation: Option<SeparationNet>,
+    /// BT-net; `None` beside a U-Net.
+    pub backtrack: Option<Generator>,
     /// Discriminator of R and R*, given R~, or of T and T*, given I; `None` if the adversarial weight is 0.
     pub discriminator: Option<Discriminator>,
     pub generator_adam: Adam,
     pub discriminator_adam: Option<Adam>,
-    settings: TrainSettings,
-    vgg: Option<Vgg>,
+    /// Running means of the generators' weights, which are the weights of the model; `None` if the settings use none.
+    averages: Option<Averages>,
+    pub(super) settings: TrainSettings,
+    pub(super) vgg: Option<Vgg>,
     device: Device,
 }
 
@@ -44,32 +48,6 @@ pub struct StepLosses {
 
 /// Callback that receives the name of each finished part of a step.
 pub type Lap<'a> = &'a mut dyn FnMut(&'static str);
-
-/// Weighted terms of a loss.
-#[derive(Default)]
-struct Sum {
-    terms: Vec<(&'static str, Tensor)>,
-}
-
-impl Sum {
-    fn add(&mut self, name: &'static str, weight: f64, value: &Tensor) -> Result<()> {
-        self.terms.push((name, (value * weight)?));
-        Ok(())
-    }
-
-    fn total(&self) -> Result<Tensor> {
-        let mut terms = self.terms.iter();
-        let Some((_, first)) = terms.next() else {
-            candle_core::bail!("the loss has no terms: nothing can be learned");
-        };
-        terms.try_fold(first.clone(), |sum, (_, term)| sum + term)
-    }
-
-    fn numbers(&self) -> Result<Vec<Term>> {
-        let terms = self.terms.iter();
-        terms.map(|(name, value)| Ok(Term { name, value: value.to_scalar()? })).collect()
-    }
-}
 
 impl Learner {
     /// Creates the networks of a stage. `vgg` is `None` if the settings use no features.
@@ -98,10 +76,18 @@ impl Learner {
             slope,
         };
         let seed = settings.seed;
-        let backtrack = Generator::new(&options(3), seed, "backtrack", device)?;
+        let backtrack = match (settings.network, stage) {
+            (NetworkKind::Generator, _) => {
+                Some(Generator::new(&options(3), seed, "backtrack", device)?)
+            }
+            (NetworkKind::Unet, Stage::Separation) => None,
+            (NetworkKind::Unet, Stage::Backtrack) => {
+                candle_core::bail!("a U-Net has no BT-net, so it has no backtrack stage")
+            }
+        };
         let separation = match stage {
             Stage::Backtrack => None,
-            Stage::Separation => Some(Generator::new(&options(6), seed, "separation", device)?),
+            Stage::Separation => Some(SeparationNet::new(settings, &options(6), device)?),
         };
         let discriminator = (settings.adversarial_weight > 0.0)
             .then(|| -> Result<Discriminator> {
@@ -114,14 +100,25 @@ impl Learner {
         if let Some(separation) = &separation {
             learned.extend(prefixed("separation", separation.variables()));
         }
-        learned.extend(prefixed("backtrack", backtrack.variables()));
+        if let Some(backtrack) = &backtrack {
+            learned.extend(prefixed("backtrack", backtrack.variables()));
+        }
+        let options = adam_options(settings);
         let discriminator_adam = discriminator
             .as_ref()
-            .map(|d| Adam::new(prefixed("discriminator", d.variables()), adam_options(settings)))
+            .map(|d| {
+                let options = AdamOptions { weight_decay: 0.0, ..options };
+                Adam::new(prefixed("discriminator", d.variables()), options)
+            })
+            .transpose()?;
+        let generator_adam = Adam::new(learned, options)?;
+        let averages = (settings.ema > 0.0)
+            .then(|| Averages::new(&generator_adam.moments, settings.ema))
             .transpose()?;
         Ok(Self {
             stage,
-            generator_adam: Adam::new(learned, adam_options(settings))?,
+            generator_adam,
+            averages,
             discriminator_adam,
             separation,
             backtrack,
@@ -147,27 +144,40 @@ impl Learner {
         variables.iter().map(|(_, v)| v.elem_count()).sum()
     }
 
-    /// Returns all trainable weights by name.
+    /// Returns the weights for work by name: running means if the settings use them, and trained weights.
     pub fn model(&self) -> BTreeMap<String, Tensor> {
         let variables = self.variables().into_iter();
-        variables.map(|(name, variable)| (name, variable.as_detached_tensor())).collect()
+        let mut model: BTreeMap<String, Tensor> =
+            variables.map(|(name, variable)| (name, variable.as_detached_tensor())).collect();
+        for (name, mean) in self.means() {
+            model.insert(name.to_owned(), mean.clone());
+        }
+        model
     }
 
-    /// Returns the moments of the optimisers: `mean.NAME` and `square.NAME`.
+    /// Returns the running means by name; none if the settings use none.
+    fn means(&self) -> impl Iterator<Item = (&str, &Tensor)> {
+        let names = self.generator_adam.moments.iter().map(|m| m.name.as_str());
+        names.zip(self.averages.iter().flat_map(Averages::means))
+    }
+
+    /// Returns the state of the optimisers: `mean.NAME` and `square.NAME`, and with running means the trained weights,
+    /// `weight.NAME`.
     pub fn moments(&self) -> BTreeMap<String, Tensor> {
         let adams = std::iter::once(&self.generator_adam).chain(&self.discriminator_adam);
-        adams
-            .flat_map(|adam| &adam.moments)
-            .flat_map(|m| {
-                [
-                    (format!("mean.{}", m.name), m.mean.clone()),
-                    (format!("square.{}", m.name), m.square.clone()),
-                ]
-            })
-            .collect()
+        let moments = adams.flat_map(|adam| &adam.moments).flat_map(|m| {
+            [
+                (format!("mean.{}", m.name), m.mean.clone()),
+                (format!("square.{}", m.name), m.square.clone()),
+            ]
+        });
+        let trained = self.averages.iter().flat_map(|_| &self.generator_adam.moments);
+        let trained =
+            trained.map(|m| (format!("weight.{}", m.name), m.variable.as_detached_tensor()));
+        moments.chain(trained).collect()
     }
 
-    /// Copies every weight from `model` if its name starts with `prefix`.
+    /// Copies every weight from `model` if its name starts with `prefix`, to the running mean, too.
     ///
     /// # Errors
     ///
@@ -178,10 +188,14 @@ impl Learner {
                 variable.set(of_shape(model, &name, variable.dims())?)?;
             }
         }
+        if let Some(averages) = &mut self.averages {
+            *averages = Averages::new(&self.generator_adam.moments, self.settings.ema)?;
+        }
         Ok(())
     }
 
-    /// Restores the optimisers' moments and step counts; fails like [`Self::set_model`].
+    /// Restores the optimisers' moments and step counts, and with running means the trained weights, after
+    /// [`Self::set_model`]; fails like it.
     pub fn set_moments(
         &mut self,
         moments: &HashMap<String, Tensor>,
@@ -192,6 +206,12 @@ impl Learner {
         if let Some(adam) = &mut self.discriminator_adam {
             adam.steps = discriminator_steps;
         }
+        if self.averages.is_some() {
+            for m in &self.generator_adam.moments {
+                let name = format!("weight.{}", m.name);
+                m.variable.set(of_shape(moments, &name, m.variable.dims())?)?;
+            }
+        }
         let adams = std::iter::once(&mut self.generator_adam).chain(&mut self.discriminator_adam);
         for m in adams.flat_map(|adam| &mut adam.moments) {
             let dims = m.variable.dims();
@@ -201,12 +221,36 @@ impl Learner {
         Ok(())
     }
 
+    /// Calls `with` with the networks at work, which have the weights of [`Self::model`].
+    pub fn at_work<T, E: From<candle_core::Error>>(
+        &self,
+        with: impl FnOnce(Networks) -> std::result::Result<T, E>,
+    ) -> std::result::Result<T, E> {
+        let Some(averages) = &self.averages else {
+            return with(self.networks());
+        };
+        let moments = &self.generator_adam.moments;
+        let trained = moments.iter().map(|m| m.variable.as_tensor().copy());
+        let trained: Vec<Tensor> = trained.collect::<Result<_>>()?;
+        let set = |weights: &[Tensor]| -> Result<()> {
+            moments.iter().zip(weights).try_for_each(|(m, weight)| m.variable.set(weight))
+        };
+        set(averages.means())?;
+        let result = with(self.networks());
+        set(&trained)?;
+        result
+    }
+
     /// Trains one step (counted from 0): the discriminator if it is due, then the generators.
     ///
     /// # Errors
     ///
     /// Fails if candle fails, if the batch lacks layers that the stage needs, or if the loss has no terms.
     pub fn step(&mut self, step: u64, batch: &Batch, lap: Lap) -> Result<StepLosses> {
+        let rate = self.settings.rate(step + 1);
+        for adam in std::iter::once(&mut self.generator_adam).chain(&mut self.discriminator_adam) {
+            adam.options.learning_rate = rate;
+        }
         let (given, made, truth, mut sum) = match self.stage {
             Stage::Backtrack => self.backtrack_losses(batch, lap)?,
             Stage::Separation => self.separation_losses(batch, lap)?,
@@ -232,6 +276,9 @@ impl Learner {
         let gradients = total.backward()?;
         lap("backward");
         self.generator_adam.step(&gradients)?;
+        if let Some(averages) = &mut self.averages {
+            averages.step(&self.generator_adam.moments, self.generator_adam.steps)?;
+        }
         lap("Adam");
         Ok(StepLosses {
             total: total.to_scalar()?,
@@ -258,100 +305,29 @@ impl Learner {
         &self.device
     }
 
-    /// Returns the networks for inference.
+    /// Returns the networks with the trained weights; see [`Self::at_work`].
     pub fn networks(&self) -> Networks<'_> {
         Networks {
             vgg: self.vgg.as_ref(),
             separation: self.separation.as_ref(),
-            backtrack: &self.backtrack,
+            backtrack: self.backtrack.as_ref(),
         }
-    }
-
-    fn features(&self, image: &Tensor) -> Result<Vec<Tensor>> {
-        match &self.vgg {
-            Some(vgg) => vgg.features(image),
-            None => Ok(Vec::new()),
-        }
-    }
-
-    /// Adds the terms that compare an output with its ground truth. `features` belong to the output.
-    fn compare(
-        &self,
-        sum: &mut Sum,
-        names: [&'static str; 2],
-        made: &Tensor,
-        features: &[Tensor],
-        truth: &Tensor,
-    ) -> Result<()> {
-        if self.settings.pixel_weight > 0.0 {
-            sum.add(names[0], self.settings.pixel_weight, &l1(made, truth)?)?;
-        }
-        if self.settings.feature_weight > 0.0 && !features.is_empty() {
-            let difference = feature_difference(features, &self.features(&truth.detach())?)?;
-            sum.add(names[1], self.settings.feature_weight, &difference)?;
-        }
-        Ok(())
-    }
-
-    /// Compares BT(R~) with R. Returns the discriminator's images (input, output, ground truth) and the terms.
-    fn backtrack_losses(&self, batch: &Batch, lap: Lap) -> Result<(Tensor, Tensor, Tensor, Sum)> {
-        let (Some(given), Some(truth)) = (&batch.glass_reflection, &batch.clean_reflection) else {
-            candle_core::bail!(
-                "BT-net learns from glass_reflection and clean_reflection, which these examples lack: render these layers, or use the examples only in the separation stage"
-            );
-        };
-        let made = self.backtrack.forward(given, &self.features(given)?)?;
-        lap("forward");
-        let mut sum = Sum::default();
-        let features = self.loss_features(&made)?;
-        let names = ["clean_reflection_l1", "clean_reflection_feature"];
-        self.compare(&mut sum, names, &made, &features, truth)?;
-        lap("losses");
-        Ok((given.clone(), made, truth.clone(), sum))
-    }
-
-    /// Returns the features of an output, or none if the loss does not use them.
-    fn loss_features(&self, image: &Tensor) -> Result<Vec<Tensor>> {
-        if self.settings.feature_weight > 0.0 { self.features(image) } else { Ok(Vec::new()) }
-    }
-
-    /// Computes L_pst + L_pr of Kim et al.: compares SP(I) with T and R~, and BT(R~*) with R.
-    fn separation_losses(&self, batch: &Batch, lap: Lap) -> Result<(Tensor, Tensor, Tensor, Sum)> {
-        let Some(separation) = &self.separation else {
-            candle_core::bail!("the backtrack stage has no SP-net");
-        };
-        let input = &batch.input;
-        let made = separation.forward(input, &self.features(input)?)?;
-        let (t, r) = (made.narrow(1, 0, 3)?, made.narrow(1, 3, 3)?);
-        let (t, r) = (t.contiguous()?, r.contiguous()?);
-        lap("forward");
-        let mut sum = Sum::default();
-        let features = self.loss_features(&t)?;
-        let names = ["transmission_l1", "transmission_feature"];
-        self.compare(&mut sum, names, &t, &features, &batch.transmission)?;
-        // Tuples and real pairs may lack R~ and R.
-        let priori = batch.clean_reflection.as_ref().filter(|_| self.settings.a_priori);
-        if batch.glass_reflection.is_some() || priori.is_some() {
-            // BT-net and the comparison of R~* share these features.
-            let features = self.features(&r)?;
-            if let Some(truth) = &batch.glass_reflection {
-                let names = ["glass_reflection_l1", "glass_reflection_feature"];
-                self.compare(&mut sum, names, &r, &features, truth)?;
-            }
-            if let Some(truth) = priori {
-                let tracked = self.backtrack.forward(&r, &features)?;
-                let features = self.loss_features(&tracked)?;
-                let names = ["clean_reflection_l1", "clean_reflection_feature"];
-                self.compare(&mut sum, names, &tracked, &features, truth)?;
-            }
-        }
-        lap("losses");
-        Ok((input.clone(), t, batch.transmission.clone(), sum))
     }
 }
 
 fn adam_options(settings: &TrainSettings) -> AdamOptions {
-    AdamOptions { learning_rate: settings.learning_rate, ..AdamOptions::default() }
+    let [beta1, beta2] = settings.betas;
+    AdamOptions {
+        learning_rate: settings.learning_rate,
+        beta1,
+        beta2,
+        weight_decay: match settings.optimizer {
+            OptimizerKind::Adam => 0.0,
+            OptimizerKind::Adamw => settings.weight_decay,
+        },
+        clip_norm: settings.clip_norm,
+        ..AdamOptions::default()
+    }
 }
 
 fn of_shape<'a>(

@@ -7,10 +7,14 @@
 //! ops/              operations that candle computes slowly or with wrong gradients
 //! vgg, vgg_file     frozen features of images           checkpoint    a folder per step, written atomically
 //! generator         architecture of SP-net and BT-net   logs, metrics, events, picture    logs of training
+//! unet, unet_op     the U-Net, as one operation         separation_net        either network
+//! learner_losses    losses of a batch
 //! discriminator     conditional PatchGAN                inference     networks on images of any size
 //! loss, adam        losses and optimiser                separator     the networks of a checkpoint
-//! random            random numbers of seed and name     srgb_planes   pixels as planes
-//! mixture           photographs mixed in image space    scoring, evaluation       scores of networks on pictures
+//! work_size         networks at another size than the picture's
+//! random            tensors of random numbers           srgb_planes   pixels as planes
+//! mixture           photographs mixed in image space    composing     examples composed in linear light
+//! scoring, evaluation    scores of networks on pictures    validation    scores of a training's networks
 //! run, resume       a stage's training in a run's folder, resumed from its checkpoints
 //! ```
 //!
@@ -21,6 +25,7 @@ pub mod ops;
 mod adam;
 mod batch;
 mod checkpoint;
+mod composing;
 mod discriminator;
 mod error;
 mod evaluation;
@@ -31,6 +36,7 @@ mod example_sampler;
 mod generator;
 mod inference;
 mod learner;
+mod learner_losses;
 mod loader;
 mod logs;
 mod loss;
@@ -42,51 +48,65 @@ mod random;
 mod resume;
 mod run;
 mod scoring;
+mod separation_net;
 mod separator;
 mod session;
 mod source;
 mod srgb_planes;
+mod tiles;
+mod unet;
+mod unet_op;
+mod validation;
 mod vgg;
 mod vgg_file;
+mod work_size;
 
 pub use candle_core;
 pub use plan::{
-    ExampleKind, FeatureSource, PixelSource, SettingError, Stage, Start, TrainSettings,
+    ExampleKind, FeatureSource, NetworkKind, OptimizerKind, PixelSource, ScheduleKind,
+    SettingError, Stage, Start, TrainSettings,
 };
 pub use safetensors;
 
-pub use adam::{Adam, AdamOptions, Moments};
+pub use adam::{Adam, AdamOptions, Averages, Moments};
 pub use batch::Batch;
 pub use checkpoint::{
-    CHECKPOINT_SCHEMA, Checkpoint, CheckpointError, CheckpointState, Origin, checkpoint_folder,
-    clear, code_path, prune, stage_folder, steps, write_checkpoint,
+    CHECKPOINT_SCHEMA, Change, Checkpoint, CheckpointError, CheckpointState, Origin,
+    checkpoint_folder, clear, code_path, prune, stage_folder, steps, write_checkpoint,
 };
+pub use compose::Cut;
 pub use discriminator::Discriminator;
 pub use error::TrainError;
 pub use evaluation::{
     Conditions, EVALUATION_SCHEMA, Evaluation, EvaluationError, ScoredNetwork, ScoredOutputs,
 };
-pub use example::{Cut, Example, Planes};
+pub use example::{Example, Planes};
 pub use example_sampler::{ExampleSampler, SceneSource};
 pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};
-pub use inference::{LEAST_PX, LEAST_TILE_PX, Networks};
+pub use inference::{LEAST_PX, Networks};
 pub use learner::{Lap, Learner, StepLosses, Term};
 pub use loader::Loader;
 pub use loss::{FEATURE_DIVISORS, adversarial_loss, discriminator_loss, feature_difference, l1};
 pub use picture::{Grid, Picture, rgb_grid, shrunk};
-pub use random::Stream;
+pub use random::{RandomTensor, Stream};
 pub use run::{Pace, TrainSummary, Training, run};
 pub use scoring::Tiled;
-pub use separator::{Separator, SeparatorError};
+pub use separation_net::{Separated, SeparationNet};
+pub use separator::{Separation, Separator, SeparatorError};
 pub use session::{Best, ChosenOn, Schedule, Session, Trained, Watcher};
 pub use source::{
     Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleFilesError, TupleSource,
 };
 pub use srgb_planes::{bytes_of_planes, planes_of_bytes};
+pub use unet::Unet;
+pub use validation::Validated;
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
 pub use vgg_file::{Features, FeaturesError};
+pub use work_size::WorkSize;
 
 #[cfg(test)]
 mod run_tests;
 #[cfg(test)]
 mod step_tests;
+#[cfg(test)]
+mod unet_tests;

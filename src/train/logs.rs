@@ -4,6 +4,7 @@ use super::events::EventFile;
 use super::learner::StepLosses;
 use super::metrics::Metrics;
 use super::picture::Grid;
+use super::validation::Validated;
 use render::atomic_file::{self, WriteError};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -18,7 +19,7 @@ pub(super) struct Logs {
 /// Numbers of one step besides its losses.
 pub(super) struct Logged {
     pub(super) step: u64,
-    pub(super) validation_psnr_db: Option<f64>,
+    pub(super) validated: Validated,
     /// Duration of the step, s.
     pub(super) wall_s: f64,
     /// Number of examples of the step.
@@ -37,15 +38,16 @@ impl Logs {
 
     /// Adds a step.
     pub(super) fn step(&mut self, logged: &Logged, losses: &StepLosses) -> Result<(), WriteError> {
-        let Logged { step, validation_psnr_db, wall_s, examples } = *logged;
-        let added = self.metrics.add(step, losses, validation_psnr_db, wall_s);
+        let Logged { step, validated, wall_s, examples } = *logged;
+        let added = self.metrics.add(step, losses, validated, wall_s);
         self.of_csv(added)?;
         let mut numbers: Vec<(&str, f32)> = vec![("loss/total", losses.total)];
         let tags: Vec<String> = losses.terms.iter().map(|t| format!("loss/{}", t.name)).collect();
         let terms = tags.iter().zip(&losses.terms);
         numbers.extend(terms.map(|(tag, term)| (tag.as_str(), term.value)));
         numbers.extend(losses.discriminator.map(|v| ("loss/discriminator", v)));
-        numbers.extend(validation_psnr_db.map(|v| ("validation/psnr_db", v as f32)));
+        numbers.extend(validated.psnr_db.map(|v| ("validation/psnr_db", v as f32)));
+        numbers.extend(validated.light_ratio.map(|v| ("validation/light_ratio", v as f32)));
         numbers.push(("speed/images_per_s", (examples as f64 / wall_s) as f32));
         let added = self.events.scalars(step, &numbers);
         self.of_events(added)

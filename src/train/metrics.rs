@@ -1,13 +1,14 @@
 //! `metrics.csv`: one line per step.
 
 use super::learner::StepLosses;
+use super::validation::Validated;
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
 
 /// Terms of the loss, in the order of their columns.
-pub(super) const TERMS: [&str; 7] = [
+pub(super) const TERMS: [&str; 10] = [
     "transmission_l1",
     "transmission_feature",
     "glass_reflection_l1",
@@ -15,6 +16,9 @@ pub(super) const TERMS: [&str; 7] = [
     "clean_reflection_l1",
     "clean_reflection_feature",
     "adversarial",
+    "transmission_gradient",
+    "glass_reflection_gradient",
+    "clean_reflection_gradient",
 ];
 
 pub(super) struct Metrics {
@@ -24,16 +28,27 @@ pub(super) struct Metrics {
 impl Metrics {
     /// Opens the file for training that continues at `step`; removes the lines of later steps, which training repeats.
     pub(super) fn open(path: &Path, step: u64) -> io::Result<Self> {
-        let mut text =
-            format!("step,total,{},discriminator,validation_psnr_db,wall_s\n", TERMS.join(","));
+        let head = format!(
+            "step,total,{},discriminator,validation_psnr_db,validation_light_ratio,wall_s",
+            TERMS.join(",")
+        );
+        let mut text = format!("{head}\n");
         if let Some(old) = render::input_file::read_if_there(path)? {
-            let columns = text.split(',').count();
-            for line in String::from_utf8_lossy(&old).lines().skip(1) {
-                let number = line.split(',').next().and_then(|s| s.parse::<u64>().ok());
+            let old = String::from_utf8_lossy(&old);
+            let mut lines = old.lines();
+            let old_names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+            // Files of earlier versions have fewer columns.
+            let places: Vec<Option<usize>> =
+                head.split(',').map(|name| old_names.iter().position(|old| *old == name)).collect();
+            for line in lines {
+                let cells: Vec<&str> = line.split(',').collect();
+                let number = cells[0].parse::<u64>().ok();
                 // A full disk may have cut the last line.
-                let is_whole = line.split(',').count() == columns;
+                let is_whole = cells.len() == old_names.len();
                 if is_whole && number.is_some_and(|n| n <= step) {
-                    text += line;
+                    let cells: Vec<&str> =
+                        places.iter().map(|place| place.map_or("", |place| cells[place])).collect();
+                    text += &cells.join(",");
                     text.push('\n');
                 }
             }
@@ -53,7 +68,7 @@ impl Metrics {
         &mut self,
         step: u64,
         losses: &StepLosses,
-        validation_psnr_db: Option<f64>,
+        validated: Validated,
         wall_s: f64,
     ) -> io::Result<()> {
         let mut line = format!("{step},{}", losses.total);
@@ -65,8 +80,8 @@ impl Metrics {
         }
         line.push(',');
         line += &losses.discriminator.map_or_else(String::new, |v| v.to_string());
-        let psnr = number(validation_psnr_db);
-        let _ = writeln!(line, ",{psnr},{wall_s:.4}");
+        let [psnr, light] = [validated.psnr_db, validated.light_ratio].map(number);
+        let _ = writeln!(line, ",{psnr},{light},{wall_s:.4}");
         self.file.write_all(line.as_bytes())
     }
 }
@@ -87,17 +102,18 @@ mod tests {
         };
         let mut metrics = Metrics::open(&path, 0).unwrap();
         for step in 1..=4 {
-            let psnr = (step == 4).then_some(20.5);
-            metrics.add(step, &losses(step as f32), psnr, 0.1).unwrap();
+            let psnr_db = (step == 4).then_some(20.5);
+            let validated = Validated { psnr_db, light_ratio: None };
+            metrics.add(step, &losses(step as f32), validated, 0.1).unwrap();
         }
         let lines = || -> Vec<String> {
             let text = std::fs::read_to_string(&path).unwrap();
             text.lines().map(str::to_owned).collect()
         };
         assert_eq!(lines().len(), 5);
-        assert!(lines()[4].contains(",20.5,"), "{:?}", lines());
+        assert!(lines()[4].contains(",20.5,,"), "{:?}", lines());
         let mut metrics = Metrics::open(&path, 2).unwrap();
-        metrics.add(3, &losses(9.0), None, 0.1).unwrap();
+        metrics.add(3, &losses(9.0), Validated::default(), 0.1).unwrap();
         render::atomic_file::write(&path, (lines().join("\n") + "\n3,0.5").as_bytes()).unwrap();
         Metrics::open(&path, 3).unwrap();
         let firsts: Vec<String> = lines()
@@ -107,5 +123,22 @@ mod tests {
         assert_eq!(firsts, ["step total", "1 1", "2 2", "3 9"]);
         let columns = |line: &String| line.split(',').count();
         assert!(lines().iter().all(|line| columns(line) == columns(&lines()[0])));
+    }
+
+    #[test]
+    fn lines_of_earlier_versions_keep_their_columns() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("metrics.csv");
+        let old = "step,total,adversarial,validation_psnr_db,wall_s\n1,0.5,0.25,20.5,0.1\n2,0.4\n";
+        render::atomic_file::write(&path, old.as_bytes()).unwrap();
+        Metrics::open(&path, 2).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+        let (head, line) = (lines.next().unwrap(), lines.next().unwrap());
+        let of = |name: &str| line[head.iter().position(|n| *n == name).unwrap()];
+        let names = ["step", "total", "adversarial", "validation_psnr_db", "wall_s"];
+        assert_eq!(names.map(of), ["1", "0.5", "0.25", "20.5", "0.1"]);
+        assert_eq!((of("validation_light_ratio"), line.len()), ("", head.len()));
+        assert!(lines.next().is_none());
     }
 }

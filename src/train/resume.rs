@@ -1,6 +1,6 @@
 //! The start of training: the stage's newest checkpoint, the BT-net of the backtrack stage, or new networks.
 
-use super::checkpoint::{Checkpoint, Origin, code_path, stage_folder};
+use super::checkpoint::{Change, Checkpoint, Origin, code_path, stage_folder};
 use super::error::TrainError;
 use super::learner::Learner;
 use super::run::Training;
@@ -8,7 +8,7 @@ use super::session::Watcher;
 use super::vgg::Vgg;
 use candle_core::Device;
 use compose::Pair;
-use plan::{Stage, TrainSettings};
+use plan::{FREE, NetworkKind, ScheduleKind, Stage, TrainSettings};
 use rayon::prelude::*;
 use render::folder_lock::FolderLock;
 use render::line::SceneLine;
@@ -16,7 +16,7 @@ use render::shard::scene_digest;
 use std::path::Path;
 
 /// Settings of the architecture, which the separation stage inherits from the backtrack stage.
-const OF_NETWORKS: [&str; 4] = ["features", "vgg_divisor", "width", "start"];
+const OF_NETWORKS: [&str; 5] = ["features", "network", "vgg_divisor", "width", "start"];
 
 /// The checkpoints that training starts from.
 pub(super) struct Beginning {
@@ -69,20 +69,41 @@ impl Beginning {
         self.own.as_ref().map_or(0, |own| own.state.step)
     }
 
-    /// Returns the settings of the training, which must equal those that its checkpoint fixes.
-    pub(super) fn settings(&self, training: &Training) -> Result<TrainSettings, TrainError> {
-        let frozen = self.own.as_ref().or(self.before.as_ref());
-        let settings = (training.settings)(frozen.map(|frozen| &frozen.state.settings));
+    /// Returns the settings of the training, which must equal those that its checkpoint fixes, except [`FREE`]. A cosine
+    /// without an end ends at the training's last step.
+    pub(super) fn settings(&mut self, training: &Training) -> Result<TrainSettings, TrainError> {
+        let of = |frozen: Option<&Checkpoint>| {
+            (training.settings)(frozen.map(|frozen| &frozen.state.settings))
+        };
+        let mut settings = of(self.own.as_ref().or(self.before.as_ref()));
+        if settings.network == NetworkKind::Unet {
+            if training.stage == Stage::Backtrack {
+                return Err(TrainError::NoBacktrackStage { run: training.run.clone() });
+            }
+            // A U-Net begins without BT-net.
+            if self.before.take().is_some() {
+                settings = of(None);
+            }
+        }
         settings.validate()?;
-        if let Some(frozen) = frozen {
+        if settings.schedule == ScheduleKind::Cosine {
+            if settings.schedule_steps == 0 {
+                let recorded = self.own.as_ref().map(|own| own.state.settings.schedule_steps);
+                settings.schedule_steps =
+                    recorded.filter(|steps| *steps > 0).unwrap_or(training.steps);
+            }
+            let end = settings.schedule_steps;
+            if training.steps > end {
+                return Err(TrainError::ScheduleEnds { end, steps: training.steps });
+            }
+        }
+        if let Some(frozen) = self.own.as_ref().or(self.before.as_ref()) {
             let state = &frozen.state;
             let mut differences = state.settings.differences(&settings);
-            if state.stage != training.stage {
-                let is_of_networks = |line: &String| {
-                    let name = line.split(':').next();
-                    name.is_some_and(|name| OF_NETWORKS.contains(&name))
-                };
-                differences.retain(is_of_networks);
+            if state.stage == training.stage {
+                differences.retain(|line| !FREE.contains(&name_in(line)));
+            } else {
+                differences.retain(|line| OF_NETWORKS.contains(&name_in(line)));
             }
             if !differences.is_empty() {
                 return Err(TrainError::Frozen { checkpoint: frozen.path.clone(), differences });
@@ -94,6 +115,19 @@ impl Beginning {
             return Err(TrainError::NoRealPairs { share: settings.real_share });
         }
         Ok(settings)
+    }
+
+    /// Returns the changes of the stage's settings since its first step.
+    pub(super) fn history(&self, settings: &TrainSettings) -> Vec<Change> {
+        let Some(own) = &self.own else {
+            return Vec::new();
+        };
+        let mut history = own.state.history.clone();
+        let changes = own.state.settings.differences(settings);
+        if !changes.is_empty() {
+            history.push(Change { after_step: own.state.step, changes });
+        }
+        history
     }
 
     /// Returns the inputs besides the settings. Fails if these inputs do not fit the checkpoint.
@@ -152,6 +186,11 @@ impl Beginning {
         }
         Ok(learner)
     }
+}
+
+/// Returns the setting's name in a line `name: old -> new`.
+fn name_in(line: &str) -> &str {
+    line.split(':').next().unwrap_or(line)
 }
 
 const VGG: &str = "VGG-19's weights";

@@ -22,8 +22,6 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-/// Number of threads that read examples. Reading is much faster than training.
-const READERS: usize = 1;
 /// Limits of the default number of steps between checkpoints, a twentieth of all steps.
 const CHECKPOINT_EVERY: [u64; 2] = [10, 1000];
 
@@ -127,13 +125,13 @@ pub fn run(
     let stage = training.stage;
     let folder = stage_folder(&training.run, stage);
     let lock = if training.dry_run { None } else { Some(lock(&folder)?) };
-    let beginning = Beginning::find(&training.run, stage, &training.device, watcher)?;
+    let mut beginning = Beginning::find(&training.run, stage, &training.device, watcher)?;
     let settings = beginning.settings(&training)?;
     let features = load_features(&training, &settings, watcher)?;
     let lines = of_split(training.scenes, Split::Train);
     let pairs = training.pairs.clone().unwrap_or_default();
     let origin = beginning.origin(&lines, &pairs, features.blake3, watcher)?;
-    if settings.examples == ExampleKind::Rendered {
+    if settings.examples.needs_tuples() {
         warn_of_missing(&lines, &*training.tuples, settings.follow, watcher)?;
     }
     let learner = beginning.learner(stage, &settings, features.vgg, &training.device)?;
@@ -196,12 +194,15 @@ pub fn run(
         origin,
         Checks { validation, shown },
         beginning.own.as_ref(),
+        beginning.history(&settings),
     )?;
     let (stop_sender, stopped) = bounded(0);
     let memory = training.memory_bytes;
     let scenes = scene_source(training, &settings, lines);
     let sampler = ExampleSampler::new(&settings, scenes, PairSource { pairs }, memory, stopped)?;
-    let mut loader = Loader::start(sampler, steps.clone(), READERS, stop_sender);
+    // As many readers as compute threads: their examples are due together, and a reader that is ahead waits.
+    let readers = rayon::current_num_threads();
+    let mut loader = Loader::start(sampler, steps.clone(), readers, stop_sender);
     watcher.begins(steps, settings.batch);
     let clock = Instant::now();
     let trained = session.run(&mut loader, &schedule, watcher, stop)?;
@@ -306,11 +307,13 @@ fn scene_source(
     lines: Vec<SceneLine>,
 ) -> SceneSource {
     match settings.examples {
-        ExampleKind::Rendered => SceneSource::Tuples(TupleSource {
-            files: training.tuples,
-            lines,
-            pixels: settings.pixels,
-        }),
+        ExampleKind::Rendered | ExampleKind::Composed | ExampleKind::LinearMixtures => {
+            SceneSource::Tuples(TupleSource {
+                files: training.tuples,
+                lines,
+                pixels: settings.pixels,
+            })
+        }
         ExampleKind::Zhang | ExampleKind::Ceilnet => SceneSource::Photographs(PhotographSource {
             lines,
             roots: training.roots,

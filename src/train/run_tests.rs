@@ -54,7 +54,7 @@ impl Watcher for Seen {
 }
 
 /// Writes three pairs of 40 x 36 px with all four layers.
-fn pairs(folder: &Path) -> Vec<Pair> {
+pub(super) fn pairs(folder: &Path) -> Vec<Pair> {
     let layers = ["blended", "transmission", "reflection", "clean_reflection"];
     (0..3u32)
         .map(|index| {
@@ -77,7 +77,7 @@ fn pairs(folder: &Path) -> Vec<Pair> {
         .collect()
 }
 
-fn small() -> TrainSettings {
+pub(super) fn small() -> TrainSettings {
     TrainSettings {
         features: FeatureSource::None,
         width: 4,
@@ -88,7 +88,7 @@ fn small() -> TrainSettings {
     }
 }
 
-fn training<'a>(
+pub(super) fn training<'a>(
     run: &Path,
     stage: Stage,
     steps: u64,

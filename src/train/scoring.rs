@@ -4,6 +4,7 @@ use super::inference::LEAST_PX;
 use super::separator::Separator;
 use super::source::{Base, ExampleError, TupleSource};
 use super::srgb_planes::bytes_of_planes;
+use super::work_size::WorkSize;
 use compose::{Given, Method, Subject, Unmade, Unread, WithTruth};
 use image::RgbImage;
 
@@ -21,7 +22,7 @@ impl Subject for TupleSource {
         let missing = |text: &str| Err(Unread::Missing(text.to_owned()));
         let example = match Self::read(self, index)? {
             Some(Base::Example(example)) => example,
-            Some(Base::Photographs { .. }) => {
+            Some(Base::Photographs { .. } | Base::Linear(_)) => {
                 return Err(Unread::Unreadable("it is not a tuple".to_owned()));
             }
             None if self.is_in_quarantine(index)? => {
@@ -67,9 +68,8 @@ impl Method for Tiled<'_> {
     }
 
     fn make(&self, given: &Given) -> Result<RgbImage, Unmade> {
-        let tile_px = self.tile_px.map_or(usize::MAX, |px| px as usize);
-        let made = self.separator.separate(given.input, tile_px);
-        let [transmission, _] = made.map_err(|error| Unmade::Fatal(error.into()))?;
-        Ok(transmission)
+        let work = WorkSize { longest_px: None, tile_px: self.tile_px };
+        let made = self.separator.separate(given.input, work);
+        Ok(made.map_err(|error| Unmade::Fatal(error.into()))?.transmission)
     }
 }

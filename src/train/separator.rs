@@ -4,8 +4,11 @@ use super::checkpoint::Checkpoint;
 use super::inference::Networks;
 use super::learner::Learner;
 use super::picture::Picture;
+use super::separation_net::SeparationNet;
 use super::vgg::Vgg;
-use candle_core::Device;
+use super::work_size::{WorkSize, changed, difference_of_light, enlarged};
+use candle_core::{Device, Result};
+use compose::{shrink_to, shrunk_size_px};
 use image::RgbImage;
 use plan::{SettingError, Stage, TrainSettings};
 use std::path::PathBuf;
@@ -51,7 +54,7 @@ impl Separator {
         checkpoint: &Checkpoint,
         vgg: Option<Vgg>,
         vgg_blake3: Option<&str>,
-    ) -> Result<Self, SeparatorError> {
+    ) -> std::result::Result<Self, SeparatorError> {
         let state = &checkpoint.state;
         let path = || checkpoint.path.clone();
         if state.stage == Stage::Backtrack {
@@ -67,8 +70,9 @@ impl Separator {
             });
         }
         let settings = TrainSettings {
-            // Inference needs no discriminator.
+            // Inference needs no discriminator, and the model holds the running means.
             adversarial_weight: 0.0,
+            ema: 0.0,
             ..state.settings.clone()
         };
         settings.validate().map_err(|source| SeparatorError::Settings { path: path(), source })?;
@@ -87,16 +91,63 @@ impl Separator {
         self.learner.networks()
     }
 
-    /// Computes T* and R~* of a picture. Splits a picture larger than `tile_px` into tiles. See [`Networks::separate`].
+    /// True if the checkpoint has a BT-net, so that separations have R*.
+    pub fn has_backtrack(&self) -> bool {
+        self.networks().backtrack.is_some()
+    }
+
+    /// Computes the layers of a picture. Networks process a picture that is larger than `work.longest_px` at that size;
+    /// T* is then the picture plus their enlarged change, and R~* and R* are enlarged.
     pub fn separate(
         &self,
         picture: &RgbImage,
-        tile_px: usize,
-    ) -> Result<[RgbImage; 2], SeparatorError> {
-        let made = self.networks().separate(&Picture::from_rgb(picture), tile_px);
-        let failed = |source| SeparatorError::Networks { path: self.path.clone(), source };
-        Ok(made.map_err(failed)?.map(|picture| picture.to_rgb()))
+        work: WorkSize,
+    ) -> std::result::Result<Separation, SeparatorError> {
+        self.by_networks(picture, work)
+            .map_err(|source| SeparatorError::Networks { path: self.path.clone(), source })
     }
+
+    fn by_networks(&self, picture: &RgbImage, work: WorkSize) -> Result<Separation> {
+        let networks = self.networks();
+        let size = picture.dimensions().into();
+        let is_whole = work.longest_px.is_none_or(|px| shrunk_size_px(size, px) == size);
+        let small = match work.longest_px.filter(|_| !is_whole) {
+            Some(px) => Picture::from_rgb(&shrink_to(picture.clone(), px)),
+            None => Picture::from_rgb(picture),
+        };
+        let at_size = |made: &Picture| if is_whole { made.to_rgb() } else { enlarged(made, size) };
+        let tile_px = work.tile_px.map_or(usize::MAX, |px| px as usize);
+        let [mut t, r] = networks.separate(&small, tile_px)?;
+        let clean_reflection = match networks.backtrack {
+            Some(_) => Some(at_size(&networks.track_back(&r, tile_px)?)),
+            None => None,
+        };
+        let transmission = if is_whole {
+            t.to_rgb()
+        } else {
+            t.planes.iter_mut().zip(&small.planes).for_each(|(t, i)| *t -= i);
+            changed(picture, &t)
+        };
+        let has_transmission_alone =
+            networks.separation.is_some_and(SeparationNet::has_transmission_alone);
+        let glass_reflection = if has_transmission_alone {
+            difference_of_light(picture, &transmission)
+        } else {
+            at_size(&r)
+        };
+        Ok(Separation { transmission, glass_reflection, clean_reflection })
+    }
+}
+
+/// The layers of a picture, of its size.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Separation {
+    /// T*.
+    pub transmission: RgbImage,
+    /// R~*; the difference of light between the picture and T* if the network has T* alone.
+    pub glass_reflection: RgbImage,
+    /// R*; `None` without BT-net.
+    pub clean_reflection: Option<RgbImage>,
 }
 
 #[cfg(test)]
@@ -131,7 +182,7 @@ mod tests {
             real_files_blake3: None,
             backtrack: None,
         };
-        let path = write_checkpoint(folder, 3, &learner, settings, &origin, None).unwrap();
+        let path = write_checkpoint(folder, 3, &learner, settings, &origin, &[], None).unwrap();
         Checkpoint::read(&path, &Device::Cpu).unwrap()
     }
 
@@ -148,9 +199,14 @@ mod tests {
         });
         let expected = learner.unwrap();
         let expected = expected.networks().separate(&Picture::from_rgb(&picture), 300).unwrap();
-        let found = separator.separate(&picture, 300).unwrap();
-        assert_eq!(found, expected.map(|picture| picture.to_rgb()));
-        assert_eq!(found[0].dimensions(), (37, 21));
+        let found = separator.separate(&picture, WorkSize::default()).unwrap();
+        let [t, r] = expected.map(|picture| picture.to_rgb());
+        assert_eq!((&found.transmission, &found.glass_reflection), (&t, &r));
+        assert_eq!(found.clean_reflection.unwrap().dimensions(), (37, 21));
+        let small = WorkSize { longest_px: Some(32), tile_px: None };
+        let found = separator.separate(&picture, small).unwrap();
+        assert!(found.transmission.dimensions() == (37, 21) && found.transmission != t);
+        assert_eq!(found.clean_reflection.unwrap().dimensions(), (37, 21));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::batch::Batch;
 use super::checkpoint::{
-    Checkpoint, CheckpointError, CheckpointState, Origin, prune, write_checkpoint,
+    Change, Checkpoint, CheckpointError, CheckpointState, Origin, prune, write_checkpoint,
 };
 use super::error::TrainError;
 use super::example::Example;
@@ -11,7 +11,7 @@ use super::loader::Loader;
 use super::logs::{Logged, Logs};
 use super::picture::{Grid, Picture, picture_grid};
 use super::source::ExampleError;
-use compose::psnr_colour_db;
+use super::validation::{Validated, Validation};
 use plan::{Stage, TrainSettings};
 use render::atomic_file::{self, WriteError};
 use serde::{Deserialize, Serialize};
@@ -19,9 +19,6 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
-
-/// Largest PSNR of a picture in the mean, dB. It keeps the mean finite when pictures are equal.
-const MOST_DB: f64 = 100.0;
 
 /// Largest number of rows of a grid of pictures.
 pub(super) const MOST_SHOWN: usize = 4;
@@ -50,6 +47,8 @@ pub trait Watcher {
     /// Reports the steps to train and the number of examples per step.
     fn begins(&mut self, _steps: Range<u64>, _batch: usize) {}
     fn step(&mut self, _step: u64, _losses: &StepLosses, _wall_s: f64) {}
+    /// Reports a check of the networks at work with the validation images.
+    fn validated(&mut self, _step: u64, _validated: &Validated) {}
     fn checkpoint(&mut self, _step: u64, _path: &Path, _validation_psnr_db: Option<f64>) {}
     fn note(&mut self, _text: &str) {}
     fn warning(&mut self, _text: &str) {}
@@ -148,6 +147,7 @@ pub struct Session {
     settings: TrainSettings,
     origin: Origin,
     checks: Checks,
+    history: Vec<Change>,
     /// First example of the session, with which each checkpoint's networks are tried.
     probe: Option<Example>,
     step: u64,
@@ -170,6 +170,7 @@ impl Session {
         origin: Origin,
         checks: Checks,
         from: Option<&Checkpoint>,
+        history: Vec<Change>,
     ) -> Result<Self, TrainError> {
         let mut last = None;
         if let Some(checkpoint) = from {
@@ -194,6 +195,7 @@ impl Session {
             settings,
             origin,
             checks,
+            history,
             probe: None,
         })
     }
@@ -244,23 +246,19 @@ impl Session {
             busy_s += wall_s;
             let is_due = self.step.is_multiple_of(schedule.checkpoint_every.max(1))
                 || self.step == schedule.until;
-            let validated = if is_due { self.try_and_validate()? } else { None };
-            let logged = Logged {
-                step: self.step,
-                validation_psnr_db: validated,
-                wall_s,
-                examples: examples.len(),
-            };
+            let validated =
+                if is_due { self.try_and_validate(watcher)? } else { Validated::default() };
+            let logged = Logged { step: self.step, validated, wall_s, examples: examples.len() };
             if let Err(error) = self.log(&mut logs, &logged, &losses, schedule) {
                 // The step is not lost, because resumed training does not repeat it; its line in a log may be.
-                self.write(validated, schedule, watcher)?;
+                self.write(validated.psnr_db, schedule, watcher)?;
                 return Err(error);
             }
             if is_due {
                 // All other files of the step become durable first, because resumed training does not repeat the steps
                 // before a checkpoint.
                 let synced = logs.sync();
-                self.write(validated, schedule, watcher)?;
+                self.write(validated.psnr_db, schedule, watcher)?;
                 synced?;
             }
             watcher.step(self.step, &losses, wall_s);
@@ -305,8 +303,8 @@ impl Session {
             return Ok(());
         }
         let synced = logs.sync();
-        let psnr = self.try_and_validate()?;
-        self.write(psnr, schedule, watcher)?;
+        let validated = self.try_and_validate(watcher)?;
+        self.write(validated.psnr_db, schedule, watcher)?;
         Ok(synced?)
     }
 
@@ -323,6 +321,7 @@ impl Session {
             &self.learner,
             &self.settings,
             &self.origin,
+            &self.history,
             psnr,
         )?;
         Best::note(&self.folder, self.step, psnr)?;
@@ -349,66 +348,65 @@ impl Session {
         }
     }
 
-    /// Tries the networks with an example, then works like [`Self::validate`].
-    fn try_and_validate(&self) -> Result<Option<f64>, TrainError> {
+    /// Tries the networks with an example, then compares their outputs for the validation images with the truth.
+    fn try_and_validate(&self, watcher: &mut dyn Watcher) -> Result<Validated, TrainError> {
         if let Some(probe) = &self.probe {
             let step = self.step;
             let exploded = |error| CheckpointError::Exploded { step, reason: format!("{error}") };
             self.made(probe).map_err(exploded)?;
         }
-        self.validate()
-    }
-
-    /// Returns the mean PSNR, dB, of the 8-bit outputs for the validation images; `None` without usable images.
-    fn validate(&self) -> Result<Option<f64>, TrainError> {
-        let mut sum = 0.0;
-        let mut count = 0u32;
+        let mut validation = Validation::default();
         for example in &self.checks.validation {
-            let pictures = self.made(example)?;
-            let [_, made, truth, ..] = &pictures[..] else {
-                continue;
-            };
-            // The PSNR of equal pictures is infinite.
-            let psnr_db = psnr_colour_db(&made.to_rgb(), &truth.to_rgb());
-            sum += psnr_db.map_err(candle_core::Error::wrap)?.min(MOST_DB);
-            count += 1;
+            if let [input, made, truth, ..] = &self.made(example)?[..] {
+                validation.add(input, made, truth)?;
+            }
         }
-        Ok((count > 0).then(|| sum / f64::from(count)))
+        let validated = validation.result(self.learner.stage);
+        watcher.validated(self.step, &validated);
+        Ok(validated)
     }
 
-    /// Returns an example's input, output, ground truth and other layers; in the backtrack stage, none without R~ or R.
+    /// Returns an example's input, output, ground truth and other layers, with the networks at work; in the backtrack
+    /// stage, none without R~ or R.
     fn made(&self, example: &Example) -> Result<Vec<Picture>, TrainError> {
         let picture = |planes: &Vec<f32>| Picture {
             rows: example.rows,
             columns: example.columns,
             planes: planes.clone(),
         };
-        let networks = self.learner.networks();
         let whole = example.rows.max(example.columns);
-        Ok(match self.learner.stage {
-            Stage::Backtrack => {
-                let (Some(given), Some(truth)) =
-                    (&example.glass_reflection, &example.clean_reflection)
-                else {
-                    return Ok(Vec::new());
-                };
-                let tracked = networks.track_back(&picture(given), whole)?;
-                vec![picture(given), tracked, picture(truth)]
-            }
-            Stage::Separation => {
-                let [t, r] = networks.separate(&picture(&example.input), whole)?;
-                let tracked = networks.track_back(&r, whole)?;
-                let black = vec![0.0; example.input.len()];
-                let known = |planes: &Option<Vec<f32>>| picture(planes.as_ref().unwrap_or(&black));
-                let [glass, clean] =
-                    [&example.glass_reflection, &example.clean_reflection].map(known);
-                let (input, truth) = (picture(&example.input), picture(&example.transmission));
-                vec![input, t, truth, r, glass, tracked, clean]
-            }
+        self.learner.at_work(|networks| {
+            Ok(match self.learner.stage {
+                Stage::Backtrack => {
+                    let (Some(given), Some(truth)) =
+                        (&example.glass_reflection, &example.clean_reflection)
+                    else {
+                        return Ok(Vec::new());
+                    };
+                    let tracked = networks.track_back(&picture(given), whole)?;
+                    vec![picture(given), tracked, picture(truth)]
+                }
+                Stage::Separation => {
+                    let [t, r] = networks.separate(&picture(&example.input), whole)?;
+                    let black = vec![0.0; example.input.len()];
+                    let known =
+                        |planes: &Option<Vec<f32>>| picture(planes.as_ref().unwrap_or(&black));
+                    let [glass, clean] =
+                        [&example.glass_reflection, &example.clean_reflection].map(known);
+                    let (input, truth) = (picture(&example.input), picture(&example.transmission));
+                    let mut pictures = vec![input, t, truth, r, glass];
+                    if networks.backtrack.is_some() {
+                        let tracked = networks.track_back(&pictures[3], whole)?;
+                        pictures.extend([tracked, clean]);
+                    }
+                    pictures
+                }
+            })
         })
     }
 
-    /// Draws a PNG with a row per image, at most four: I, T*, T, R~*, R~, R*, R; in the backtrack stage R~, R*, R.
+    /// Draws a PNG with a row per image, at most four: I, T*, T, R~*, R~ and, with BT-net, R*, R; in the backtrack stage
+    /// R~, R*, R.
     fn pictures(&self) -> Result<Option<Grid>, TrainError> {
         let mut rows = Vec::new();
         let shown = self.checks.validation.iter().chain(&self.checks.shown);

@@ -3,7 +3,7 @@
 use super::example::{Example, Planes};
 use super::picture::Picture;
 use super::srgb_planes::{planes_of_bytes, planes_of_linear};
-use compose::{Pair, read_picture};
+use compose::{Layer, LinearTuple, Pair, TupleLayers, read_picture};
 use image::{Rgb32FImage, imageops};
 use plan::{InputFiles, PixelSource};
 use render::ids::SceneId;
@@ -52,6 +52,8 @@ pub trait TupleFiles: Send + Sync {
 /// An example before random augmentation.
 pub enum Base {
     Example(Example),
+    /// Linear layers, for composing.
+    Linear(LinearTuple),
     /// Two photographs of one size, sRGB-coded, for mixing.
     Photographs {
         front: Picture,
@@ -63,6 +65,7 @@ impl Base {
     pub(super) fn bytes(&self) -> usize {
         match self {
             Self::Example(example) => example.bytes(),
+            Self::Linear(tuple) => tuple.bytes(),
             Self::Photographs { front, back } => {
                 (front.planes.len() + back.planes.len()) * size_of::<f32>()
             }
@@ -81,15 +84,9 @@ impl TupleSource {
     /// Reads a scene's tuple; returns `None` if no tuple of this scene line and version exists.
     pub fn read(&self, index: usize) -> Result<Option<Base>, ExampleError> {
         let line = &self.lines[index];
-        let Some(json) = self.files.get(&line.id, "tuple.json")? else {
+        let Some(record) = self.record(line)? else {
             return Ok(None);
         };
-        if !is_readable_record_of(&json, line) {
-            // The record is damaged or belongs to another plan or version; the farm replaces the tuple.
-            return Ok(None);
-        }
-        let file = tuple_key(&line.id, "tuple.json");
-        let record: TupleRecord = serde_json::from_slice(&json).map_err(|e| damaged(&file, &e))?;
         let layers = match self.pixels {
             PixelSource::Exr => self.read_exr(line, &record)?,
             PixelSource::Png => self.read_pngs(line, &record)?,
@@ -110,6 +107,44 @@ impl TupleSource {
             glass_reflection,
             clean_reflection,
         })))
+    }
+
+    /// Reads the linear layers of a scene's tuple as `tuple.exr` stores them; returns `None` like [`Self::read`].
+    pub fn read_linear(&self, index: usize) -> Result<Option<Base>, ExampleError> {
+        let line = &self.lines[index];
+        let Some(record) = self.record(line)? else {
+            return Ok(None);
+        };
+        let (key, bytes) = self.file(line, &record, "tuple.exr")?;
+        let layers = decode_tuple_exr(&bytes, &record).map_err(|e| damaged(&key, &e))?;
+        let layers = layers.0.map(|pixels| (!pixels.is_empty()).then(|| Layer::of_pixels(&pixels)));
+        let [Some(input), Some(transmission), Some(glass_reflection), clean_reflection] = layers
+        else {
+            return Err(ExampleError::Unusable {
+                name: line.id.to_string(),
+                reason: "its tuple has no input, transmission or glass_reflection, which composed examples need: plan \
+                         the run with these layers"
+                    .to_owned(),
+            });
+        };
+        let layers =
+            TupleLayers { input, transmission, glass_reflection, clean_reflection, coverage: None };
+        let tuple = LinearTuple::new(line.film.height as usize, line.film.width as usize, layers);
+        let tuple = tuple.ok_or_else(|| damaged(&key, &"its size differs from the film's"))?;
+        Ok(Some(Base::Linear(tuple)))
+    }
+
+    /// Reads `tuple.json`; returns `None` if no tuple of this scene line and version exists.
+    fn record(&self, line: &SceneLine) -> Result<Option<TupleRecord>, ExampleError> {
+        let Some(json) = self.files.get(&line.id, "tuple.json")? else {
+            return Ok(None);
+        };
+        if !is_readable_record_of(&json, line) {
+            // The record is damaged or belongs to another plan or version; the farm replaces the tuple.
+            return Ok(None);
+        }
+        let file = tuple_key(&line.id, "tuple.json");
+        serde_json::from_slice(&json).map(Some).map_err(|e| damaged(&file, &e))
     }
 
     pub fn is_in_quarantine(&self, index: usize) -> Result<bool, ExampleError> {

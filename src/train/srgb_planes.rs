@@ -1,29 +1,14 @@
 //! Pixels as network inputs: sRGB-coded, clamped to [0, 1], planar.
 
 use super::example::Planes;
-use exr::prelude::f16;
-use render::color::linear_to_srgb;
-use std::sync::LazyLock;
+use compose::srgb_code;
 
-/// sRGB codes of all half floats from 0 to 1, indexed by their bits. Tuples store half floats.
-static OF_HALVES: LazyLock<Vec<f32>> = LazyLock::new(|| {
-    let one = f16::ONE.to_bits();
-    (0..=one).map(|bits| linear_to_srgb(f16::from_bits(bits).to_f32()) as f32).collect()
-});
-
+/// Splits linear pixels into planes of sRGB codes.
 pub(super) fn planes_of_linear(pixels: &[[f32; 3]]) -> Planes {
-    let table = &*OF_HALVES;
     let mut planes = vec![0.0; 3 * pixels.len()];
     for (channel, plane) in planes.chunks_exact_mut(pixels.len().max(1)).enumerate() {
         for (out, pixel) in plane.iter_mut().zip(pixels) {
-            // The sum turns -0, which has the bits of no index, into 0.
-            let value = pixel[channel].clamp(0.0, 1.0) + 0.0;
-            let half = f16::from_f32(value);
-            *out = if half.to_f32() == value {
-                table.get(usize::from(half.to_bits())).copied().unwrap_or(1.0)
-            } else {
-                linear_to_srgb(value) as f32
-            };
+            *out = srgb_code(pixel[channel]);
         }
     }
     planes
@@ -56,7 +41,8 @@ pub fn bytes_of_planes(planes: &[f32]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use render::color::{SrgbEncoder, srgb_to_linear};
+    use exr::prelude::f16;
+    use render::color::{SrgbEncoder, linear_to_srgb, srgb_to_linear};
 
     #[test]
     fn codes_equal_those_of_the_png_files() {

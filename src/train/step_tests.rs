@@ -105,6 +105,10 @@ fn the_loss_and_five_steps_of_adam_equal_pytorch() {
     }
 }
 
+fn bt_net(learner: &Learner) -> Vec<(String, Var)> {
+    learner.backtrack.as_ref().unwrap().variables()
+}
+
 #[test]
 fn bt_net_does_not_change_without_the_a_priori_loss() {
     let fixture = Fixture::read();
@@ -116,10 +120,9 @@ fn bt_net_does_not_change_without_the_a_priori_loss() {
     };
     let step = |settings: &TrainSettings| {
         let mut learner = Learner::new(Stage::Separation, settings, None, &Device::Cpu).unwrap();
-        let before: Vec<Tensor> =
-            learner.backtrack.variables().iter().map(|(_, v)| v.copy().unwrap()).collect();
+        let before: Vec<Tensor> = bt_net(&learner).iter().map(|(_, v)| v.copy().unwrap()).collect();
         let losses = learner.step(0, &fixture.batch(), &mut |_| {}).unwrap();
-        let after = learner.backtrack.variables();
+        let after = bt_net(&learner);
         let same = before.iter().zip(&after).all(|(a, (_, b))| {
             let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
             numbers(a) == numbers(b)

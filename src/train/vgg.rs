@@ -1,7 +1,7 @@
 //! Image features of the frozen VGG-19 up to conv5_2 (Simonyan and Zisserman, ICLR 2015).
 
-use super::ops::{Window, conv2d_bias_relu, max_pool2};
-use super::random::Stream;
+use super::ops::{Window, conv2d_bias_leaky, max_pool2};
+use super::random::{RandomTensor, Stream};
 use candle_core::{DType, Device, Result, Tensor};
 use std::collections::HashMap;
 
@@ -104,7 +104,7 @@ impl Vgg {
             if POOLS.contains(&index) {
                 x = max_pool2(&x)?;
             }
-            x = conv2d_bias_relu(&x, kernel, bias, Window::same(3, 1))?;
+            x = conv2d_bias_leaky(&x, kernel, bias, Window::same(3, 1), 0.0)?;
             if TAPS.contains(&index) {
                 features.push(x.clone());
             }

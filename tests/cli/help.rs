@@ -45,6 +45,8 @@ const NOT_RUN: &[(&str, Instead, &str)] = &[
     ("bench farm", DryRun, "needs a server, and measures for minutes"),
     ("bench farm --makespan", DryRun, "needs a server, and measures for minutes"),
     ("bench farm --resume", DryRun, "measures for minutes"),
+    ("bench compose", DryRun, "measures for seconds"),
+    ("bench compose --size 128 -j 1 --json", DryRun, "measures for seconds"),
     #[cfg(feature = "train")]
     ("bench train -j 1", DryRun, "measures for minutes"),
     #[cfg(feature = "train")]

@@ -83,7 +83,7 @@ fn errors_are_json_objects() {
         #[cfg(feature = "train")]
         (&["evaluate", nowhere, "--split", "both"], 2),
         #[cfg(feature = "train")]
-        (&["separate", nowhere, "a.png", "--out", nowhere], 4),
+        (&["separate", "a.png", "--network", nowhere, "--out", nowhere], 4),
         #[cfg(feature = "train")]
         (&["separate", nowhere, "--out", nowhere], 2),
         (&["render", nowhere, "--out", nowhere], 4),

@@ -38,7 +38,7 @@ fn methods(json: &Value) -> Vec<&str> {
 
 /// Returns the PSNR over all samples of two pictures, dB.
 fn psnr_db(a: &Path, b: &Path) -> f64 {
-    let [a, b] = [a, b].map(|path| image::open(path).unwrap().into_rgb8());
+    let [a, b] = [a, b].map(|path| compose::read_picture(path).unwrap());
     assert_eq!(a.dimensions(), b.dimensions());
     let squares = a.iter().zip(b.iter()).map(|(p, q)| (f64::from(*p) - f64::from(*q)).powi(2));
     10.0 * (255.0 * 255.0 / (squares.sum::<f64>() / a.len() as f64)).log10()
@@ -189,7 +189,7 @@ fn photographs_are_separated() {
     train(&place);
     let folder = place.folder.path();
     let file = |name: &str| folder.join(name);
-    picture(300, 280).save(file("large.png")).unwrap();
+    picture(420, 340).save(file("large.png")).unwrap();
     picture(37, 21).save(file("odd.png")).unwrap();
     std::fs::write(file("turned.jpg"), turned_jpeg(&picture(48, 32))).unwrap();
     picture(300, 15).save(file("low.png")).unwrap();
@@ -198,9 +198,9 @@ fn photographs_are_separated() {
 
     let separate = |out: &str, more: &[&str]| {
         let out = file(out);
-        let mut arguments = vec!["separate", text(&place.run), "--out", text(&out)];
+        let mut arguments = vec!["separate", "--network", text(&place.run), "--out", text(&out)];
         arguments.extend(images.iter().map(|path| text(path)));
-        arguments.extend(["--tile-px", "272", "--json"]);
+        arguments.extend(["--work-px", "0", "--tile-px", "336", "--json"]);
         arguments.extend(more);
         run(&arguments)
     };
@@ -215,8 +215,8 @@ fn photographs_are_separated() {
     assert_eq!(json["failed"].as_array().unwrap().len(), 2);
     one.says(&["low.png", "16 px", "broken.png"]);
     separate("two", &["-j", "2", "-q"]).expect(3);
-    for (stem, size) in [("large", (300, 280)), ("odd", (37, 21)), ("turned", (32, 48))] {
-        for layer in ["transmission", "glass_reflection"] {
+    for (stem, size) in [("large", (420, 340)), ("odd", (37, 21)), ("turned", (32, 48))] {
+        for layer in ["transmission", "glass_reflection", "clean_reflection"] {
             let name = format!("{stem}.{layer}.png");
             let bytes = std::fs::read(file("one").join(&name)).unwrap();
             let made = image::load_from_memory(&bytes).unwrap();
@@ -224,11 +224,20 @@ fn photographs_are_separated() {
             assert_eq!(bytes, std::fs::read(file("two").join(&name)).unwrap());
         }
     }
-    assert_eq!(files(&file("one")).len(), 6);
+    assert_eq!(files(&file("one")).len(), 9);
 
     // A separation with larger tiles makes nearly the same picture.
     let whole = file("whole");
-    run(&["separate", text(&place.run), text(&images[0]), "--out", text(&whole), "-q"]).expect(0);
+    run(&[
+        "separate",
+        "--network",
+        text(&place.run),
+        text(&images[0]),
+        "--out",
+        text(&whole),
+        "-q",
+    ])
+    .expect(0);
     let near_db =
         psnr_db(&whole.join("large.transmission.png"), &file("one/large.transmission.png"));
     assert!(near_db > 30.0, "{near_db}");
@@ -239,7 +248,8 @@ fn photographs_are_separated() {
     let (p3, twin) = (colors.join("p3-jpeg.jpg"), colors.join("p3-jpeg.srgb.png"));
     let out = file("colors");
     let pictures = [text(&p3), text(&twin), text(&file("untagged.png"))].map(str::to_owned);
-    let fixed = ["separate", text(&place.run), "--out", text(&out), "-q"].map(str::to_owned);
+    let fixed =
+        ["separate", "--network", text(&place.run), "--out", text(&out), "-q"].map(str::to_owned);
     run(&[&fixed[..], &pictures].concat()).expect(0);
     let of = |stem: &str| out.join(format!("{stem}.transmission.png"));
     let (same, other) =
@@ -250,7 +260,16 @@ fn photographs_are_separated() {
     let stage = place.run.join("train/separation");
     for checkpoint in [&stage, &stage.join("step-0000004")] {
         let out = file("again");
-        run(&["separate", text(checkpoint), text(&images[1]), "--out", text(&out), "-q"]).expect(0);
+        run(&[
+            "separate",
+            "--network",
+            text(checkpoint),
+            text(&images[1]),
+            "--out",
+            text(&out),
+            "-q",
+        ])
+        .expect(0);
         let again = std::fs::read(out.join("odd.transmission.png")).unwrap();
         assert_eq!(again, std::fs::read(file("one/odd.transmission.png")).unwrap());
     }
@@ -269,7 +288,7 @@ fn impossible_separations_are_refused() {
     picture(40, 30).save(&namesake).unwrap();
     let run_folder = text(&place.run);
     let separate = |checkpoint: &str, images: &[&str], out: &Path| {
-        run(&[&["separate", checkpoint, "--out", text(out)][..], images].concat())
+        run(&[&["separate", "--network", checkpoint, "--out", text(out)][..], images].concat())
     };
     separate(run_folder, &[text(&image), text(&namesake)], &out)
         .expect(2)
@@ -329,7 +348,8 @@ fn published_pairs_are_scored() {
     let mut images: Vec<PathBuf> = images.map(|e| e.unwrap().path()).collect();
     images.sort();
     images.truncate(2);
-    let mut arguments = vec!["separate", text(&place.run), "--out", text(folder.path()), "-q"];
+    let mut arguments =
+        vec!["separate", "--network", text(&place.run), "--out", text(folder.path()), "-q"];
     arguments.extend(images.iter().map(|path| text(path)));
     run(&arguments).expect(0);
     for image in &images {
@@ -358,7 +378,8 @@ fn ctrl_c_stops_between_pictures() {
         picture(260, 200).save(image).unwrap();
     }
     let out = folder.join("out");
-    let mut arguments = vec!["separate", text(&place.run), "--out", text(&out), "--json"];
+    let mut arguments =
+        vec!["separate", "--network", text(&place.run), "--out", text(&out), "--json"];
     arguments.extend(images.iter().map(|path| text(path)));
     let mut child = command(&arguments).spawn().unwrap();
     let begun = wait_until(&mut child, || out.join("0.transmission.png").exists());
@@ -368,5 +389,5 @@ fn ctrl_c_stops_between_pictures() {
     let json = ended.expect(130).json();
     let done = json["images"].as_array().unwrap().len();
     assert!((1..200).contains(&done), "{done}");
-    assert_eq!(files(&out).len(), 2 * done);
+    assert_eq!(files(&out).len(), 3 * done);
 }

@@ -28,7 +28,7 @@ fn an_exploding_training_leaves_no_checkpoint() {
     for (steps, words) in [("1", "the networks of step 1 are not written"), ("9", "step 2")] {
         let more = small(&["--learning-rate", "1e10", "--checkpoint-every", "9"]);
         let ended = run(&place.arguments("backtrack", steps, &more)).expect(1);
-        ended.says(&[words, "A smaller learning rate may help"]);
+        ended.says(&[words, "A smaller --learning-rate may help"]);
         assert!(!place.folder_of("backtrack", 1).exists());
         assert!(!place.run.join("train/backtrack/best.json").exists());
     }
@@ -52,8 +52,9 @@ fn a_checkpoint_that_is_not_finite_is_refused_by_name() {
         .unwrap();
     let out = place.run.join("separated");
     let newest = place.folder_of("separation", 2);
-    let separate =
-        |network: &Path| run(&["separate", text(network), text(&photo), "--out", text(&out)]);
+    let separate = |network: &Path| {
+        run(&["separate", "--network", text(network), text(&photo), "--out", text(&out)])
+    };
     separate(&newest).expect(0);
     for (file, value) in [("optimizer.safetensors", f32::INFINITY), ("model.safetensors", f32::NAN)]
     {
@@ -75,7 +76,7 @@ fn finite_weights_that_make_no_finite_pictures_are_refused() {
     let photo = place.run.join("photo.png");
     RgbImage::from_pixel(40, 40, image::Rgb([200, 150, 90])).save(&photo).unwrap();
     let out = place.run.join("separated");
-    let ended = run(&["separate", text(&newest), text(&photo), "--out", text(&out)]);
+    let ended = run(&["separate", "--network", text(&newest), text(&photo), "--out", text(&out)]);
     ended.expect(4).says(&["step-0000002", "values that are not finite"]);
     run(&place.arguments("separation", "3", &[])).expect(4).says(&["step-0000002", "remove it"]);
 }

@@ -8,8 +8,10 @@
     reason = "tests may panic in any function, damage files, and print why they are skipped"
 )]
 
+mod composing;
 mod evaluate;
 mod finite;
+mod separate;
 #[path = "../support/mod.rs"]
 mod support;
 mod training;

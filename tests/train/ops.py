@@ -65,5 +65,27 @@ case("norm straight", lambda x, c: norm(x, c, 1e-5, 1.0), x=torch.randn(2, 4, 33
 
 case("absolute", torch.abs, x=torch.tensor([-2.0, -0.0, 0.0, 0.5, 3.0]))
 
+# New cases come last, so that the random numbers of the others stay the same.
+for slope in (0.1, 1.0):
+    case(f"leaky {slope}", lambda x, w, b: F.leaky_relu(F.conv2d(x, w, b, padding=1), slope), x=torch.randn(2, 3, 7, 9), w=torch.randn(4, 3, 3, 3), b=torch.randn(4))
+case("mean pool", lambda x: F.avg_pool2d(x, 2), x=torch.randn(2, 3, 6, 10))
+case("join", lambda x, s: torch.cat([F.interpolate(x, scale_factor=2, mode="nearest"), s], 1), x=torch.randn(2, 3, 3, 5), s=torch.randn(2, 4, 6, 10))
+case("unshuffle", lambda x: F.pixel_unshuffle(x, 2), x=torch.randn(2, 3, 6, 10))
+case("shuffle", lambda x: F.pixel_shuffle(x, 2), x=torch.randn(2, 8, 3, 5))
+case("pad", lambda x: F.pad(x, (0, 6, 0, 3), "replicate"), x=torch.randn(2, 3, 5, 10))
+
+
+def slopes(x, t):
+    d = x - t.detach()
+    return (d[..., 1:] - d[..., :-1]).abs().mean() + (d[..., 1:, :] - d[..., :-1, :]).abs().mean()
+
+
+target = torch.randn(2, 3, 6, 7)
+target[0, 0] = 0.5
+image = torch.randn(2, 3, 6, 7)
+image[0, 0, 2:] = 0.25
+case("slopes", lambda x: slopes(x, target.double()), x=image)
+out["slopes.t"] = target
+
 save_file({k: v.to(torch.float32).contiguous() for k, v in out.items()}, "tests/train/ops.safetensors")
 print(len(out), "tensors")

@@ -53,7 +53,7 @@ fn made() -> &'static Path {
 
 /// A copy of the finished run for one test.
 pub(crate) struct Place {
-    folder: TempDir,
+    pub(crate) folder: TempDir,
     pub(crate) run: PathBuf,
 }
 
@@ -206,9 +206,16 @@ fn an_interrupted_training_keeps_every_step() {
 fn other_settings_are_refused_with_the_differences() {
     let place = place();
     place.train("backtrack", "2", &small(&[]));
-    run(&place.arguments("backtrack", "4", &["--width", "8", "--learning-rate", "0.001"]))
+    run(&place.arguments("backtrack", "4", &["--width", "8", "--pixel-weight", "2"]))
         .expect(5)
-        .says(&["width: 4 -> 8", "learning_rate: 0.0001 -> 0.001", "step-0000002"]);
+        .says(&["width: 4 -> 8", "pixel_weight: 1.0 -> 2.0", "step-0000002"]);
+    // Rates may change, and the checkpoint records it.
+    let ended = place.train("backtrack", "4", &["--learning-rate", "0.001"]);
+    assert_eq!(ended["from_step"].as_u64(), Some(2));
+    let state = place.checkpoint("backtrack", 4).remove("state.json").unwrap();
+    let state: Value = serde_json::from_slice(&state).unwrap();
+    let history = r#"[{"after_step":2,"changes":["learning_rate: 0.0001 -> 0.001"]}]"#;
+    assert_eq!(state["history"].to_string(), history);
     // The next stage keeps the shape of the networks, but may change the settings of learning.
     run(&place.arguments("separation", "4", &["--width", "8"])).expect(5).says(&["width: 4 -> 8"]);
     let ended = place.train("separation", "2", &["--learning-rate", "0.001", "--no-a-priori"]);
@@ -248,8 +255,10 @@ fn a_changed_recipe_is_refused_with_the_differences() {
     write(3, "crop_px = 40");
     let more = run(&arguments).expect(0).json();
     assert_eq!(more["train"]["separation"]["steps_taken"].as_u64(), Some(1));
-    write(3, "crop_px = 40\nlearning_rate = 0.001");
-    run(&arguments).expect(5).says(&["learning_rate: 0.0001 -> 0.001", "recipe's [train]"]);
+    write(3, "crop_px = 40\npixel_weight = 2");
+    run(&arguments).expect(5).says(&["pixel_weight: 1.0 -> 2.0", "recipe's [train]"]);
+    write(3, "crop_px = 40\nnetwork = \"unet\"\nstart = \"residual\"\na_priori = false");
+    run(&arguments).expect(4).says(&["train.backtrack_steps is 2", "set it to 0"]);
 }
 
 #[test]
@@ -259,6 +268,55 @@ fn the_a_priori_loss_needs_a_bt_net() {
         .expect(4)
         .says(&["--stage backtrack", "--no-a-priori"]);
     place.train("separation", "2", &small(&["--no-a-priori"]));
+}
+
+/// Options of a U-Net with all that its checkpoint must restore.
+const UNET: [&str; 19] = [
+    "--network",
+    "unet",
+    "--bound",
+    "1",
+    "--width",
+    "3",
+    "--crop",
+    "40",
+    "--adversarial-weight",
+    "0",
+    "--optimizer",
+    "adamw",
+    "--weight-decay",
+    "0.01",
+    "--schedule",
+    "cosine",
+    "--ema",
+    "0.9",
+    "--gradient-weight=1",
+];
+
+#[test]
+fn a_killed_unet_resumes_with_the_same_bits_and_separates() {
+    let [whole, killed] = [place(), place()];
+    let unet = |more: &[&'static str]| -> Vec<&str> { UNET.iter().chain(more).copied().collect() };
+    let arguments = whole.arguments("separation", "30", &unet(&["-j", "1"]));
+    run(&arguments).expect(0).says(&["step 30: ", "light out over light in "]);
+    let more = unet(&["-j", "2", "--checkpoint-every", "3"]);
+    let csv = killed.run.join("train/separation/metrics.csv");
+    let lines = || std::fs::read_to_string(&csv).unwrap_or_default().lines().count();
+    let at = random(20);
+    let mut child = command(&killed.arguments("separation", "30", &more)).spawn().unwrap();
+    wait_until(&mut child, || lines() > at);
+    child.kill().unwrap();
+    assert_eq!(child.wait().unwrap().signal(), Some(9), "training ended before the kill");
+    let ended = killed.train("separation", "30", &["-j", "1"]);
+    assert_eq!(ended["step"].as_u64(), Some(30));
+    assert!(killed.checkpoint("separation", 30) == whole.checkpoint("separation", 30));
+    run(&whole.arguments("separation", "31", &[])).expect(5).says(&["--schedule-steps 31"]);
+    run(&whole.arguments("backtrack", "2", &unet(&[]))).expect(2).says(&["--stage separation"]);
+    run(&["evaluate", text(&whole.run)]).expect(0);
+    let scene = std::fs::read_dir(whole.run.join("tuples")).unwrap().next().unwrap().unwrap();
+    let photo = scene.path().join("input.png");
+    let out = whole.folder.path().join("out");
+    run(&["separate", text(&whole.run), text(&photo), "--out", text(&out)]).expect(0);
 }
 
 #[test]

@@ -142,7 +142,7 @@ The separation stage comes second: the same command with --stage separation.
 Examples:
   glasshouse train runs/smoke --stage backtrack --steps 200
   glasshouse train runs/smoke --stage separation --steps 200 --json")]
-    Train(train::TrainArgs),
+    Train(Box<train::TrainArgs>),
     /// Score trained networks and the unchanged pictures against the ground truth
     #[cfg(feature = "train")]
     #[command(after_help = "\
@@ -166,15 +166,15 @@ Examples:
     /// Remove the reflections from photographs with a trained network
     #[cfg(feature = "train")]
     #[command(after_help = "\
-Each picture becomes NAME.transmission.png (the scene behind the glass) and
-NAME.glass_reflection.png (the reflection on the glass): 8-bit sRGB, of the picture's size, rotated
-according to its EXIF data.
+Each picture becomes NAME.transmission.png (the scene behind the glass), NAME.glass_reflection.png
+(the reflection on the glass) and, with a BT-net, NAME.clean_reflection.png (the reflected scene):
+8-bit pictures of its size, upright, with its ICC profile and EXIF data.
 
 Exit code 3: some pictures are unreadable or smaller than 16 px on a side; the others are separated.
 
 Examples:
-  glasshouse separate runs/smoke photo.jpg --out separated
-  glasshouse separate runs/smoke/train/separation photo.jpg --out separated --tile-px 512 --json")]
+  glasshouse separate photo.jpg --network runs/smoke --out separated
+  glasshouse separate photo.jpg --network runs/smoke/train/separation --out separated --work-px 0 --json")]
     Separate(separate::SeparateArgs),
     /// Export a run's tuples as a data set for common loaders: tars, folders or OpenEXR files
     #[command(after_help = "\

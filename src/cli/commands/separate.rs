@@ -1,46 +1,65 @@
-//! `separate CHECKPOINT IMAGES... --out DIR`: removes reflections from photographs.
+//! `separate IMAGES... --out DIR`: removes reflections from photographs.
 
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure, failure};
-use crate::cli::network::{Network, NetworkArgs, use_threads};
+use crate::cli::network::{Network, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
+use crate::cli::watchdog;
 use crate::outputs::Outputs;
 use clap::Args as ClapArgs;
-use compose::read_picture;
-use image::{ImageFormat, RgbImage};
+use compose::read_photo;
+use image::RgbImage;
 use plan::FeatureSource;
 use render::atomic_file;
+use render::formats::Photo;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt;
-use std::io::Cursor;
 use std::path::{self, Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Instant;
-use train::LEAST_PX;
+use train::{LEAST_PX, WorkSize};
+
+/// Default size at which networks work, px: that of their training examples, and little memory.
+const WORK_PX: u32 = 768;
+/// Default side of tiles at the full size, px.
+const TILE_PX: u32 = 768;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct SeparateArgs {
-    /// Folder of a checkpoint, or of a stage or run (for its best checkpoint or, without validation, its newest)
-    checkpoint: PathBuf,
     /// JPEG or PNG pictures
     #[arg(required = true)]
     images: Vec<PathBuf>,
-    /// Folder to write NAME.transmission.png and NAME.glass_reflection.png to
+    /// Folder to write NAME.transmission.png, NAME.glass_reflection.png and, with a BT-net, NAME.clean_reflection.png to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    #[command(flatten)]
-    network: NetworkArgs,
+    /// Networks: folder of a run, a stage (for their best checkpoint or, without validation, their newest) or a
+    /// checkpoint
+    #[arg(long, value_name = "RUN|FOLDER")]
+    network: Option<PathBuf>,
+    /// File of VGG-19 weights, required by networks that were trained with such a file; must be the same file
+    #[arg(long, value_name = "FILE")]
+    features: Option<String>,
+    /// Longest side of the picture for the networks, px; a larger picture keeps its size and detail, and gets the enlarged
+    /// change. 0 for the full size
+    #[arg(long, value_name = "PX", default_value_t = WORK_PX, value_parser = clap::value_parser!(u32).range(0..=65536))]
+    work_px: u32,
+    /// Side of the overlapping tiles of a larger picture for the networks, px. Smaller tiles need less memory
+    #[arg(long, value_name = "PX", default_value_t = TILE_PX, value_parser = clap::value_parser!(u32).range(272..=16384))]
+    tile_px: u32,
 }
 
-/// Endings of the file names of T* and R~*.
-const ENDINGS: [&str; 2] = ["transmission", "glass_reflection"];
+/// Endings of the file names of T*, R~* and R*.
+const ENDINGS: [&str; 3] = ["transmission", "glass_reflection", "clean_reflection"];
 
 pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
-    let targets = targets(&args.images)?;
+    use_threads(global);
+    let network = open(args, output)?;
+    let layers = if network.separator.has_backtrack() { 3 } else { 2 };
+    let targets = targets(&args.images, &ENDINGS[..layers])?;
     let outputs = Outputs {
         command: "separate",
         folder: &args.out,
@@ -48,11 +67,14 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
         inputs: args.images.clone(),
     };
     outputs.check()?;
-    use_threads(global);
-    let network = Network::open(&args.checkpoint, args.network.features.as_deref(), output)?;
     if !global.dry_run {
         outputs.claim()?;
     }
+    let work = WorkSize {
+        longest_px: Some(args.work_px).filter(|px| *px > 0),
+        tile_px: Some(args.tile_px),
+    };
+    watchdog::end_promptly();
     let signals = Signals::catch();
     let progress = Progress::new(global, "pictures", args.images.len() as u64);
     let clock = Instant::now();
@@ -64,19 +86,20 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
             break;
         }
         match readable(path) {
-            Ok(picture) => {
-                let targets = targets.each_ref().map(|name| args.out.join(name));
+            Ok(photo) => {
+                let targets: Vec<PathBuf> =
+                    targets.iter().map(|name| args.out.join(name)).collect();
                 if !global.dry_run {
-                    separate(&network, &picture, args.network.tile_px, &targets)?;
+                    separate(&network, &photo, work, &targets)?;
                 }
-                let [transmission, glass_reflection] =
-                    targets.map(|path| path.to_string_lossy().into_owned());
+                let mut names = targets.iter().map(|path| path.to_string_lossy().into_owned());
                 images.push(Done {
                     image: path.to_string_lossy(),
-                    width: picture.width(),
-                    height: picture.height(),
-                    transmission,
-                    glass_reflection,
+                    width: photo.picture.width,
+                    height: photo.picture.height,
+                    transmission: names.next(),
+                    glass_reflection: names.next(),
+                    clean_reflection: names.next(),
                 });
             }
             Err(reason) => {
@@ -130,10 +153,12 @@ struct Separated<'a> {
 #[derive(Serialize)]
 struct Done<'a> {
     image: Cow<'a, str>,
-    width: u32,
-    height: u32,
-    transmission: String,
-    glass_reflection: String,
+    width: usize,
+    height: usize,
+    transmission: Option<String>,
+    glass_reflection: Option<String>,
+    /// `None` without BT-net.
+    clean_reflection: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -150,19 +175,38 @@ impl fmt::Display for Separated<'_> {
     }
 }
 
+/// Opens the networks. Refuses the form of the first version, with a run before the pictures.
+fn open(args: &SeparateArgs, output: &Output) -> Result<Network, Failure> {
+    if let Some(folder) = args.images.iter().find(|path| path.is_dir()) {
+        let folder = folder.display();
+        return Err(failure!(
+            Exit::Usage,
+            "{folder} is a folder, not a picture; to use its networks, give --network {folder} (--network RUN)"
+        ));
+    }
+    let Some(network) = &args.network else {
+        return Err(failure!(
+            Exit::Usage,
+            "no networks are given: give --network RUN (a run, a stage or a checkpoint)"
+        ));
+    };
+    Network::open(network, args.features.as_deref(), output)
+}
+
 /// Returns the names of the files to write for each image. Fails if two of them are equal.
-fn targets(images: &[PathBuf]) -> Result<Vec<[PathBuf; 2]>, Failure> {
+fn targets(images: &[PathBuf], endings: &[&str]) -> Result<Vec<Vec<PathBuf>>, Failure> {
     let mut by_target: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     let mut targets = Vec::new();
     for image in images {
         let Some(stem) = image.file_stem() else {
             return Err(failure!(Exit::Usage, "{} is not an image file", image.display()));
         };
-        let of_image = ENDINGS.map(|ending| {
+        let name = |ending: &&str| {
             let mut name = stem.to_owned();
             name.push(format!(".{ending}.png"));
             PathBuf::from(name)
-        });
+        };
+        let of_image: Vec<PathBuf> = endings.iter().map(name).collect();
         for target in &of_image {
             if let Some(other) = by_target.insert(target.clone(), image) {
                 return Err(failure!(
@@ -179,31 +223,36 @@ fn targets(images: &[PathBuf]) -> Result<Vec<[PathBuf; 2]>, Failure> {
     Ok(targets)
 }
 
-/// Reads a picture; fails if it is too small for the networks.
-fn readable(path: &Path) -> Result<RgbImage, String> {
-    let picture = read_picture(path).map_err(|e| e.to_string())?;
-    let (width, height) = picture.dimensions();
-    if (width.min(height) as usize) < LEAST_PX {
+/// Reads a photograph; fails if it is transparent, or too small for the networks.
+fn readable(path: &Path) -> Result<Photo, String> {
+    let photo = read_photo(path).map_err(|e| e.to_string())?;
+    let (width, height) = (photo.picture.width, photo.picture.height);
+    if width.min(height) < LEAST_PX {
         return Err(format!(
             "{} has {width} x {height} px, but networks need at least {LEAST_PX} px on each side",
             path.display()
         ));
     }
-    Ok(picture)
+    Ok(photo)
 }
 
 fn separate(
     network: &Network,
-    picture: &RgbImage,
-    tile_px: u32,
-    targets: &[PathBuf; 2],
+    photo: &Photo,
+    work: WorkSize,
+    targets: &[PathBuf],
 ) -> Result<(), Failure> {
     let failed = |e: anyhow::Error| Failure::new(Exit::Failed, e);
-    let made = network.separator.separate(picture, tile_px as usize);
-    for (made, target) in made?.iter().zip(targets) {
-        let mut png = Cursor::new(Vec::new());
-        made.write_to(&mut png, ImageFormat::Png).map_err(|e| failed(e.into()))?;
-        atomic_file::write(target, png.get_ref())?;
+    let (width, height) = (photo.picture.width as u32, photo.picture.height as u32);
+    let picture = RgbImage::from_raw(width, height, photo.picture.rgb.clone());
+    let picture = picture.expect("the reader returns all pixels");
+    let made = network.separator.separate(&picture, work)?;
+    let transmission = photo.png_of_changed(made.transmission.as_raw());
+    let others = [Some(made.glass_reflection), made.clean_reflection];
+    let others = others.iter().flatten().map(|picture| photo.png_of_other(picture.as_raw()));
+    for (png, target) in std::iter::once(transmission).chain(others).zip(targets) {
+        let png = png.map_err(|e| failed(e.into()))?;
+        watchdog::undisturbed(|| atomic_file::write(target, &png))?;
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Convolution of tensors, alone or with a bias and ReLU.
+//! Convolution of tensors, alone or with a bias and a leaky ReLU.
 
 use super::kernel::{forward, image_gradient, kernel_gradient};
 use super::values;
@@ -17,22 +17,25 @@ pub fn conv2d(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor>
     by_products(image, kernel, window)
 }
 
-/// Computes `relu(conv2d(image, kernel) + bias)`; `bias` has one value per output channel. ReLU's gradient at 0 is 0.
-pub fn conv2d_bias_relu(
+/// Computes `conv2d(image, kernel) + bias` with negative values multiplied by `slope`: 0 for ReLU, 1 for none. `bias` has
+/// one value per output channel. The gradient at 0 is `slope`.
+pub fn conv2d_bias_leaky(
     image: &Tensor,
     kernel: &Tensor,
     bias: &Tensor,
     window: Window,
+    slope: f32,
 ) -> Result<Tensor> {
     if image.device().is_cpu() {
         let (image, kernel, bias) = (image.contiguous()?, kernel.contiguous()?, bias.contiguous()?);
-        return image.apply_op3(&kernel, &bias, ConvolveBiasRelu(window));
+        return image.apply_op3(&kernel, &bias, ConvolveBiasLeaky(window, slope));
     }
     let biased =
         by_products(image, kernel, window)?.broadcast_add(&bias.reshape((1, (), 1, 1))?)?;
     // candle's relu has the gradient 1 at 0.
     let positive = biased.gt(0.0)?.to_dtype(biased.dtype())?;
-    biased * positive
+    let factor = positive.affine(f64::from(1.0 - slope), f64::from(slope))?;
+    biased * factor
 }
 
 /// Computes [`conv2d`] for devices other than the CPU, as one candle matrix product per kernel pixel. The gradients of
@@ -113,11 +116,11 @@ impl CustomOp2 for Convolve {
     }
 }
 
-struct ConvolveBiasRelu(Window);
+struct ConvolveBiasLeaky(Window, f32);
 
-impl CustomOp3 for ConvolveBiasRelu {
+impl CustomOp3 for ConvolveBiasLeaky {
     fn name(&self) -> &'static str {
-        "conv2d-bias-relu"
+        "conv2d-bias-leaky"
     }
 
     fn cpu_fwd(
@@ -137,11 +140,13 @@ impl CustomOp3 for ConvolveBiasRelu {
             candle_core::bail!("conv2d: {} biases for {} outputs", bias.len(), sizes.channels_out);
         }
         let mut out = forward(&sizes, image, kernel);
+        let slope = self.1;
         let planes = out.par_chunks_exact_mut(sizes.out_len().max(1)).enumerate();
         planes.for_each(|(plane, values)| {
             let bias = bias[plane % sizes.channels_out];
             for value in values {
-                *value = (*value + bias).max(0.0);
+                let x = *value + bias;
+                *value = if slope == 0.0 { x.max(0.0) } else { leaky(x, slope, x) };
             }
         });
         Ok((CpuStorage::F32(out), shape_of(&sizes)))
@@ -155,7 +160,10 @@ impl CustomOp3 for ConvolveBiasRelu {
         result: &Tensor,
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
-        let passed = gradient.contiguous()?.apply_op2_no_bwd(result, &WherePositive)?;
+        let mut passed = gradient.contiguous()?;
+        if self.1 != 1.0 {
+            passed = passed.apply_op2_no_bwd(result, &LeakyGradient(self.1))?;
+        }
         let (of_image, of_kernel) = gradients(self.0, image, kernel, &passed)?;
         let of_bias = bias.track_op().then(|| passed.sum((0, 2, 3))).transpose()?;
         Ok((of_image, of_kernel, of_bias))
@@ -233,12 +241,17 @@ impl CustomOp2 for KernelGradient {
     }
 }
 
-/// Operation that copies the first tensor where the second is positive and writes 0 elsewhere.
-struct WherePositive;
+/// Returns `value` if `x` is positive, and `slope` times `value` otherwise.
+fn leaky(x: f32, slope: f32, value: f32) -> f32 {
+    if x > 0.0 { value } else { slope * value }
+}
 
-impl CustomOp2 for WherePositive {
+/// Operation that copies the first tensor where the second is positive, and multiplies it by the slope elsewhere.
+struct LeakyGradient(f32);
+
+impl CustomOp2 for LeakyGradient {
     fn name(&self) -> &'static str {
-        "where-positive"
+        "leaky-gradient"
     }
 
     fn cpu_fwd(
@@ -248,10 +261,16 @@ impl CustomOp2 for WherePositive {
         result: &CpuStorage,
         result_layout: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
-        let gradient = values("relu", gradient, gradient_layout)?;
-        let result = values("relu", result, result_layout)?;
+        let gradient = values("leaky", gradient, gradient_layout)?;
+        let result = values("leaky", result, result_layout)?;
+        let slope = self.0;
         let pairs = gradient.par_iter().zip(result).with_min_len(1 << 15);
-        let out = pairs.map(|(gradient, result)| if *result > 0.0 { *gradient } else { 0.0 });
-        Ok((CpuStorage::F32(out.collect()), gradient_layout.shape().clone()))
+        let out = if slope == 0.0 {
+            // 0 times a negative or infinite gradient is not 0.
+            pairs.map(|(gradient, result)| if *result > 0.0 { *gradient } else { 0.0 }).collect()
+        } else {
+            pairs.map(|(gradient, result)| leaky(*result, slope, *gradient)).collect()
+        };
+        Ok((CpuStorage::F32(out), gradient_layout.shape().clone()))
     }
 }

@@ -1,36 +1,46 @@
 //! Tensor operations that candle computes slowly, with wrong gradients or not at all: convolution, pooling, resizing,
-//! norm with leaky ReLU, absolute value, mean absolute difference.
+//! norm with leaky ReLU, absolute value, mean absolute differences, changes of size by 2, bounds.
 //!
 //! ```text
 //! matrix.rs    matrix products by the gemm crate            convolve.rs   convolution op: tensors, gradients, fallback
 //! window.rs    unfolding of the pixels under a kernel       pool.rs       2 x 2 max pooling
 //! kernel.rs    convolution and its two gradients on slices  resize.rs     bilinear resizing
 //! difference.rs   |x|, mean absolute difference             norm.rs       batch norm and leaky ReLU
+//! halve.rs     changes of size by 2                         bound.rs      bound of an output by its input
+//! slope.rs     mean absolute difference of slopes           direct.rs     3 x 3 convolutions for unet_op.rs, on lanes.rs
 //! ```
 //!
 //! On the CPU, the order of sums does not depend on the number of threads. Other devices use candle operations with
 //! correct gradients.
 
+mod bound;
 mod convolve;
 mod difference;
+pub(crate) mod direct;
+mod halve;
 mod kernel;
+mod lanes;
 mod matrix;
 mod norm;
 mod pool;
 mod resize;
+mod slope;
 mod window;
 
-pub use convolve::{conv2d, conv2d_bias_relu};
+pub use bound::{bounded, brightened};
+pub use convolve::{conv2d, conv2d_bias_leaky};
 pub use difference::{absolute, mean_absolute_difference};
-pub use norm::{NormOptions, norm_act};
+pub use halve::{double_and_join, mean_pool2, pad_to_multiple, shuffle2, unshuffle2};
+pub use norm::{NormOptions, channel_statistics, norm_act};
 pub use pool::max_pool2;
 pub use resize::bilinear;
+pub use slope::mean_slope_difference;
 pub use window::Window;
 
 use candle_core::{CpuStorage, Layout, Result};
 
 /// Returns the values of a contiguous f32 tensor.
-fn values<'a>(op: &str, storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
+pub(crate) fn values<'a>(op: &str, storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
     let Some((start, end)) = layout.contiguous_offsets() else {
         candle_core::bail!("{op}: the tensor is not contiguous");
     };

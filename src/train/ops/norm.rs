@@ -50,6 +50,17 @@ pub(super) fn plain(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> 
     out.transpose(0, 1)?.contiguous()
 }
 
+/// Returns the means and the scales `1 / sqrt(variance + epsilon)` of the channels of a tensor (batch, channels, rows,
+/// columns), each (channels).
+pub fn channel_statistics(x: &Tensor, epsilon: f64) -> Result<[Tensor; 2]> {
+    let (batch, channels, rows, columns) = x.dims4()?;
+    let values: Vec<f32> = x.flatten_all()?.to_vec1()?;
+    let found = statistics(&values, [batch, channels, rows * columns], epsilon);
+    let (means, scales): (Vec<f32>, Vec<f32>) = found.into_iter().unzip();
+    let tensor = |values| Tensor::from_vec(values, channels, x.device());
+    Ok([tensor(means)?, tensor(scales)?])
+}
+
 /// Returns the mean and `1 / sqrt(variance + epsilon)` of each channel.
 fn statistics(x: &[f32], [batch, channels, pixels]: [usize; 3], epsilon: f64) -> Vec<(f32, f32)> {
     let of = |channel: usize| {

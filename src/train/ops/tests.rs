@@ -78,9 +78,44 @@ fn bias_and_relu_equal_pytorch() {
     for (name, case) in cases("relu") {
         let window = Window::same(3, 1);
         compare(&name, &case, &["x", "w", "b"], |t| {
-            conv2d_bias_relu(&t[0], &t[1], &t[2], window).unwrap()
+            conv2d_bias_leaky(&t[0], &t[1], &t[2], window, 0.0).unwrap()
         });
     }
+}
+
+#[test]
+fn bias_and_leaky_relu_equal_pytorch() {
+    for (name, case) in cases("leaky") {
+        let slope = name.split(' ').nth(1).unwrap().parse().unwrap();
+        compare(&name, &case, &["x", "w", "b"], |t| {
+            conv2d_bias_leaky(&t[0], &t[1], &t[2], Window::same(3, 1), slope).unwrap()
+        });
+    }
+}
+
+#[test]
+fn changes_of_size_equal_pytorch() {
+    let of = |name: &str| cases(name).remove(name).unwrap();
+    let one = |name: &str, op: fn(&Tensor) -> Result<Tensor>| {
+        compare(name, &of(name), &["x"], |t| op(&t[0]).unwrap());
+    };
+    one("mean pool", mean_pool2);
+    one("mean pool", halve::plain_mean_pool2);
+    one("unshuffle", unshuffle2);
+    one("shuffle", shuffle2);
+    one("pad", |x| pad_to_multiple(x, 8).map(|padded| padded.narrow(3, 0, 16).unwrap()));
+    let join = |op: fn(&Tensor, &Tensor) -> Result<Tensor>| {
+        compare("join", &of("join"), &["x", "s"], |t| op(&t[0], &t[1]).unwrap());
+    };
+    join(double_and_join);
+    join(halve::plain_double_and_join);
+    let case = of("slopes");
+    for op in [mean_slope_difference, slope::plain] {
+        compare("slopes", &case, &["x"], |t| op(&t[0], &case["t"]).unwrap());
+    }
+    let odd = Tensor::zeros((1, 2, 5, 6), candle_core::DType::F32, &Device::Cpu).unwrap();
+    assert!(mean_pool2(&odd).unwrap_err().to_string().contains("even rows"));
+    assert!(double_and_join(&odd, &odd).is_err() && shuffle2(&odd).is_err());
 }
 
 #[test]

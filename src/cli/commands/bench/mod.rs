@@ -1,5 +1,6 @@
 //! `bench`: its subcommands and their shared code.
 
+mod compose;
 mod error;
 mod farm;
 mod trace;
@@ -93,6 +94,16 @@ Examples:
   glasshouse bench farm --simulate --lease-s 2 --kill 0@3.1 --slow 1x4
   glasshouse bench farm --simulate --workers 100 --scenes 2000 --kill 5% --wipe 20")]
     Farm(BenchFarmArgs),
+    /// Measure the composition of training examples: CPU seconds by part, examples per second
+    #[command(after_help = "\
+Composes examples of four synthetic tuples in memory with the default settings of composed examples, each
+row up to one more stage. CPU milliseconds are those of one thread, the median of all examples. The
+examples per second of -j threads (default: 2) are wall time, and 0.7 of these examples pass through JPEG.
+
+Examples:
+  glasshouse bench compose
+  glasshouse bench compose --size 128 -j 1 --json")]
+    Compose(compose::BenchComposeArgs),
     /// Measure a training step: CPU seconds in total and by part, images per second, memory
     #[cfg(feature = "train")]
     #[command(after_help = "\
@@ -112,6 +123,7 @@ Examples:
 pub(super) fn run(args: &BenchArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     match &args.what {
         BenchCommand::Error(args) => error::run(args, global, output),
+        BenchCommand::Compose(args) => Ok(compose::run(args, global, output)),
         BenchCommand::Farm(args) => farm::run(args, global, output),
         BenchCommand::Trace(args) => trace::run(args, global, output),
         #[cfg(feature = "train")]

@@ -2,6 +2,7 @@
 
 use crate::bench::{TrainBench, TrainStep, cpu_name, on_cpu};
 use crate::cli::args::Global;
+use crate::cli::commands::train::NetworkName;
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::network::use_threads;
 use crate::cli::output::{Output, as_map};
@@ -12,7 +13,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 use train::candle_core::Device;
-use train::{FeatureSource, TrainSettings};
+use train::{FeatureSource, NetworkKind, OptimizerKind, Start, TrainSettings};
 
 #[cfg(feature = "train")]
 #[derive(Debug, ClapArgs)]
@@ -20,7 +21,11 @@ pub(super) struct BenchTrainArgs {
     /// Side of the images, px
     #[arg(long, value_name = "PX", default_value_t = 256, value_parser = clap::value_parser!(u32).range(32..=4096))]
     size: u32,
-    /// Channels of the generators
+    /// Network to train; a U-Net's step has no features, adversarial or a priori loss, but gradient L1, a bound, AdamW,
+    /// clipping and running means
+    #[arg(long, value_enum, default_value = "generator")]
+    network: NetworkName,
+    /// Channels of the generators, or of the U-Net at its largest size
     #[arg(long, value_name = "N", default_value_t = 64)]
     width: usize,
     /// Images per step
@@ -41,11 +46,30 @@ pub(super) fn run(
     global: &Global,
     output: &Output,
 ) -> Result<Exit, Failure> {
-    let settings = TrainSettings {
+    let paper = TrainSettings {
         features: if args.no_features { FeatureSource::None } else { FeatureSource::Random },
         width: args.width,
         batch: args.batch,
         ..TrainSettings::default()
+    };
+    let settings = match args.network {
+        NetworkName::Generator => paper,
+        NetworkName::Unet => TrainSettings {
+            features: FeatureSource::None,
+            network: NetworkKind::Unet,
+            start: Start::Residual,
+            a_priori: false,
+            bound: 1.0,
+            adversarial_weight: 0.0,
+            gradient_weight: 1.0,
+            optimizer: OptimizerKind::Adamw,
+            learning_rate: 2e-3,
+            betas: [0.9, 0.99],
+            weight_decay: 1e-4,
+            clip_norm: 1.0,
+            ema: 0.998,
+            ..paper
+        },
     };
     let usage = |e: train::SettingError| Failure::new(Exit::Usage, e);
     settings.validate().map_err(usage)?;
@@ -92,6 +116,7 @@ pub(super) fn run(
         size_px: args.size,
         batch: settings.batch,
         width: settings.width,
+        network: settings.network,
         features: settings.features,
         threads,
         cpu: cpu_name(),
@@ -126,6 +151,7 @@ struct Report {
     size_px: u32,
     batch: usize,
     width: usize,
+    network: NetworkKind,
     features: FeatureSource,
     threads: usize,
     cpu: Option<String>,

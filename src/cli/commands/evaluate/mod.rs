@@ -33,8 +33,9 @@ pub(super) struct EvaluateArgs {
     /// "real" and aligned "yes". Paths start from its folder, or from DIR
     #[arg(long, value_name = "FILE.csv")]
     index: Option<PathBuf>,
-    /// Network to score: folder of a checkpoint, or of a stage or run (for its newest checkpoint), after an optional
-    /// row name [default: stage and step]; repeatable [default: the run's newest SP-net]
+    /// Network to score: folder of a checkpoint, or of a stage or run (for its best checkpoint or, without
+    /// validation, its newest), after an optional row name [default: stage and step]; repeatable [default: the SP-net of
+    /// the run]
     #[arg(long = "checkpoint", value_name = "[NAME=]FOLDER")]
     checkpoints: Vec<PathBuf>,
     /// Outputs of any program to score, in a row NAME: DIR/STEM.png for the blended picture STEM.jpg or scene STEM;
@@ -99,7 +100,7 @@ impl From<ProtocolName> for Protocol {
 }
 
 impl EvaluateArgs {
-    /// Returns the arguments that score a run's newest SP-net on its test scenes.
+    /// Returns the arguments that score the SP-net of a run on its test scenes.
     pub(super) fn of_run(run: &Path) -> Self {
         Self {
             place: Some(run.to_owned()),
@@ -147,7 +148,7 @@ pub(super) fn run(args: &EvaluateArgs, global: &Global, output: &Output) -> Resu
     Ok(exit)
 }
 
-/// Scores a run's newest SP-net on its test scenes.
+/// Scores the SP-net of a run on its test scenes.
 pub(super) fn evaluate_run(
     run: &Path,
     global: &Global,

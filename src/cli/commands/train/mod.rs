@@ -1,4 +1,8 @@
-//! `train RUN --stage STAGE --steps S`: trains BT-net or SP-net.
+//! `train RUN --stage STAGE --steps S`: trains BT-net, SP-net or a U-Net.
+
+mod settings;
+
+pub(super) use settings::NetworkName;
 
 use crate::cli::args::{Global, RootArgs};
 use crate::cli::exit_code::{Exit, Failure, failure};
@@ -11,14 +15,14 @@ use crate::run::{Run, keys};
 use crate::store::Store;
 use clap::{Args as ClapArgs, ValueEnum};
 use compose::{Pair, find_pairs};
-use plan::{ExampleKind, FeatureSource, PixelSource};
 use plan::{Stage, TrainRecipe, TrainSettings};
 use render::line::Roots;
+use settings::SettingArgs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use train::candle_core::Device;
-use train::{self, StepLosses, TrainSummary, Training, Watcher};
+use train::{self, StepLosses, TrainSummary, Training, Validated, Watcher};
 
 /// Default number of checkpoints to keep.
 const KEEP: usize = 3;
@@ -67,64 +71,6 @@ pub(super) struct TrainArgs {
     settings: SettingArgs,
 }
 
-/// Settings that the first checkpoint freezes; later commands need not repeat them.
-#[derive(Debug, Default, ClapArgs)]
-#[command(next_help_heading = "Settings (frozen by the first checkpoint)")]
-struct SettingArgs {
-    /// Image features: none, random (VGG-19 with random weights), or a file of torchvision's vgg19 weights (.safetensors
-    /// or .pth) [default: none]
-    #[arg(long, value_name = "none|random|FILE")]
-    features: Option<String>,
-    /// Divisor of the widths of a random VGG-19 [default: 1]
-    #[arg(long, value_name = "N")]
-    vgg_divisor: Option<usize>,
-    /// Channels of the generators [default: 64]
-    #[arg(long, value_name = "N")]
-    width: Option<usize>,
-    /// Channels after the discriminator's first convolution [default: 64]
-    #[arg(long, value_name = "N")]
-    discriminator_width: Option<usize>,
-    /// Examples per step [default: 1]
-    #[arg(long, value_name = "N")]
-    batch: Option<usize>,
-    /// Side of the square crop of an example, px [default: 256]
-    #[arg(long, value_name = "PX")]
-    crop: Option<usize>,
-    /// Do not mirror examples
-    #[arg(long)]
-    no_flip: bool,
-    /// Learning rate of Adam [default: 1e-4]
-    #[arg(long, value_name = "RATE")]
-    learning_rate: Option<f64>,
-    /// Weight of mean absolute differences [default: 1]
-    #[arg(long, value_name = "W")]
-    pixel_weight: Option<f64>,
-    /// Weight of feature losses [default: 0.2]
-    #[arg(long, value_name = "W")]
-    feature_weight: Option<f64>,
-    /// Weight of adversarial losses; 0 disables the discriminator [default: 0.01]
-    #[arg(long, value_name = "W")]
-    adversarial_weight: Option<f64>,
-    /// Train without the a priori loss: SP-net does not learn through BT-net (the paper's ablation)
-    #[arg(long)]
-    no_a_priori: bool,
-    /// Source of the examples [default: rendered]
-    #[arg(long, value_enum)]
-    examples: Option<ExampleName>,
-    /// Files of a tuple to read [default: exr]
-    #[arg(long, value_enum)]
-    pixels: Option<PixelName>,
-    /// Share of the steps that use pairs of --real [default: 0]
-    #[arg(long, value_name = "SHARE")]
-    real_share: Option<f64>,
-    /// Train while the farm still merges: the first epoch follows the manifest's order and waits for tuples
-    #[arg(long)]
-    follow: bool,
-    /// Seed of weights, order, crops and flips [default: 2020]
-    #[arg(long, value_name = "N")]
-    seed: Option<u64>,
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum StageName {
     /// Only BT-net, R~ -> R.
@@ -140,67 +86,6 @@ impl From<StageName> for Stage {
             StageName::Separation => Self::Separation,
         }
     }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ExampleName {
-    /// The run's tuples.
-    Rendered,
-    /// The run's photographs, blended by Zhang et al.'s recipe.
-    Zhang,
-    /// The run's photographs, blended by CEILNet's recipe.
-    Ceilnet,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum PixelName {
-    /// tuple.exr, with floating-point pixels.
-    Exr,
-    /// The PNGs, with 8-bit pixels.
-    Png,
-}
-
-impl SettingArgs {
-    /// Returns `base`, overridden by the settings on the command line.
-    fn over(&self, base: &TrainSettings) -> TrainSettings {
-        let mut settings = base.clone();
-        settings.features = match self.features.as_deref() {
-            None => settings.features,
-            Some("none") => FeatureSource::None,
-            Some("random") => FeatureSource::Random,
-            Some(_) => FeatureSource::File,
-        };
-        put(&mut settings.vgg_divisor, self.vgg_divisor);
-        put(&mut settings.width, self.width);
-        put(&mut settings.discriminator_width, self.discriminator_width);
-        put(&mut settings.batch, self.batch);
-        put(&mut settings.crop_px, self.crop);
-        put(&mut settings.learning_rate, self.learning_rate);
-        put(&mut settings.pixel_weight, self.pixel_weight);
-        put(&mut settings.feature_weight, self.feature_weight);
-        put(&mut settings.adversarial_weight, self.adversarial_weight);
-        put(&mut settings.real_share, self.real_share);
-        put(&mut settings.seed, self.seed);
-        let examples = self.examples.map(|name| match name {
-            ExampleName::Rendered => ExampleKind::Rendered,
-            ExampleName::Zhang => ExampleKind::Zhang,
-            ExampleName::Ceilnet => ExampleKind::Ceilnet,
-        });
-        put(&mut settings.examples, examples);
-        let pixels = self.pixels.map(|name| match name {
-            PixelName::Exr => PixelSource::Exr,
-            PixelName::Png => PixelSource::Png,
-        });
-        put(&mut settings.pixels, pixels);
-        settings.flip &= !self.no_flip;
-        settings.a_priori &= !self.no_a_priori;
-        settings.follow |= self.follow;
-        settings
-    }
-}
-
-fn put<T: Copy>(place: &mut T, typed: Option<T>) {
-    *place = typed.unwrap_or(*place);
 }
 
 pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -343,9 +228,21 @@ impl Watcher for Watch<'_> {
         }
     }
 
-    fn checkpoint(&mut self, step: u64, _path: &Path, validation_psnr_db: Option<f64>) {
-        if let (true, Some(db)) = (self.output.verbose, validation_psnr_db) {
+    fn validated(&mut self, step: u64, validated: &Validated) {
+        let Some(db) = validated.psnr_db else {
+            return;
+        };
+        let Some(ratio) = validated.light_ratio else {
             self.note(&format!("step {step}: {db:.2} dB on validation scenes"));
+            return;
+        };
+        self.note(&format!(
+            "step {step}: {db:.2} dB on validation scenes, light out over light in {ratio:.3}"
+        ));
+        if ratio > 1.0 {
+            self.warning(&format!(
+                "step {step}: T* has {ratio:.3} times the light of I, but a reflection only adds light: the network brightens; --bound 1 prevents it in a new training"
+            ));
         }
     }
 

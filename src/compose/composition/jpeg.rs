@@ -1,0 +1,71 @@
+//! Rounding to 8 bits, and the losses of JPEG.
+
+use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
+use image::{ExtendedColorType, ImageDecoder, ImageResult};
+use std::io::Cursor;
+
+/// Returns the codes of square planes as 8-bit RGB. Codes must lie in [0, 1].
+pub(super) fn to_rgb8(planes: &[f32]) -> Vec<u8> {
+    let pixels = planes.len() / 3;
+    let mut bytes = vec![0; planes.len()];
+    for (channel, plane) in planes.chunks_exact(pixels.max(1)).enumerate() {
+        for (out, code) in bytes.chunks_exact_mut(3).zip(plane) {
+            // Adding a half before the truncation rounds numbers that are not negative.
+            out[channel] = (code * 255.0 + 0.5) as u8;
+        }
+    }
+    bytes
+}
+
+/// Inverts [`to_rgb8`].
+pub(super) fn of_rgb8(bytes: &[u8], planes: &mut [f32]) {
+    let pixels = planes.len() / 3;
+    for (channel, plane) in planes.chunks_exact_mut(pixels.max(1)).enumerate() {
+        for (out, pixel) in plane.iter_mut().zip(bytes.chunks_exact(3)) {
+            *out = f32::from(pixel[channel]) / 255.0;
+        }
+    }
+}
+
+/// Encodes and decodes a square picture of `side` px at a quality from 1 to 100.
+pub(super) fn through_jpeg(rgb: &[u8], side: usize, quality: u8) -> ImageResult<Vec<u8>> {
+    let mut file = Vec::with_capacity(rgb.len() / 4);
+    let mut encoder = JpegEncoder::new_with_quality(&mut file, quality);
+    encoder.encode(rgb, side as u32, side as u32, ExtendedColorType::Rgb8)?;
+    let decoder = JpegDecoder::new(Cursor::new(&file))?;
+    let mut decoded = vec![0; decoder.total_bytes() as usize];
+    decoder.read_image(&mut decoded)?;
+    Ok(decoded)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::psnr_colour_db;
+    use image::RgbImage;
+
+    #[test]
+    fn worse_qualities_lose_more() {
+        let picture = RgbImage::from_fn(40, 40, |x, y| {
+            image::Rgb([x * 6, y * 6, (x * y) % 256].map(|v| v as u8))
+        });
+        let loss = |quality| {
+            let bytes = through_jpeg(picture.as_raw(), 40, quality).unwrap();
+            let made = RgbImage::from_raw(40, 40, bytes).unwrap();
+            psnr_colour_db(&made, &picture).unwrap()
+        };
+        let [worst, middle, best] = [10, 60, 98].map(loss);
+        assert!(worst < middle - 3.0 && middle < best - 3.0, "{worst} {middle} {best}");
+    }
+
+    #[test]
+    fn bytes_are_rounded_codes() {
+        let planes: Vec<f32> = (0..12).map(|k| k as f32 / 11.0).collect();
+        let bytes = to_rgb8(&planes);
+        assert_eq!(bytes[..3], [0, 93, 185]);
+        let mut back = vec![0.0; 12];
+        of_rgb8(&bytes, &mut back);
+        assert!(planes.iter().zip(&back).all(|(a, b)| (a - b).abs() <= 0.5 / 255.0 + 1e-6));
+        assert_eq!(to_rgb8(&back), bytes);
+    }
+}

@@ -1,0 +1,41 @@
+//! Training examples composed in linear light: a F_i + b R~_j of any two tuples i and j.
+//!
+//! Light adds, so the front through one pane, F_i = I_i - R~_i, and the reflection of another, R~_j, make a photograph
+//! that could have been taken. N tuples make N^2 scenes. For i = j the sum is exact; otherwise only the focus of R~_j is
+//! that of another front.
+//!
+//! ```text
+//! settings -> draw (all numbers of an example)
+//! layers (tuples as halves) -> cut, resample -> example (factors, sum) -> exposure -> camera (blur, noise, curve, jpeg)
+//!                                           `-> code (nothing drawn: the tuple's bits)
+//! ```
+//!
+//! Examples are functions of the settings, the tuples and two streams of random numbers; no result depends on the
+//! machine. All loops have a fixed order, and curves come from tables that `libm` computes.
+
+mod blur;
+mod camera;
+mod code;
+mod curve;
+mod cut;
+mod draw;
+mod example;
+mod exposure;
+mod jpeg;
+mod layers;
+mod noise;
+mod resample;
+mod settings;
+
+pub use code::srgb_code;
+pub use cut::Cut;
+pub use draw::{Draw, DrawnCamera, DrawnExposure, DrawnStrength};
+pub use example::{ComposedExample, Layering, LinearExample, Side};
+pub use layers::{LUMINANCE, Layer, LinearTuple, TupleLayers};
+pub use settings::{
+    Camera, Composition, CompositionError, Exposure, LinearMixture, LogNormal, PercentileExposure,
+    Strength,
+};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,297 @@
+//! Properties of composed examples of synthetic tuples.
+
+use super::code::srgb_code;
+use super::layers::{channel_means, luminance};
+use super::*;
+use crate::Stream;
+use proptest::prelude::*;
+
+const SIDE: usize = 48;
+
+/// Makes a tuple of smooth noise. The pane passes 0.9 of the front, and reflects a tenth or more of the back.
+fn tuple(seed: u64) -> LinearTuple {
+    let mut stream = Stream::new(seed, "tuple");
+    let mut picture = |level: f64| -> Vec<[f32; 3]> {
+        let waves: Vec<[f64; 4]> = (0..6)
+            .map(|_| {
+                [
+                    stream.uniform([-0.4, 0.4]),
+                    stream.uniform([-0.4, 0.4]),
+                    stream.unit(),
+                    stream.unit(),
+                ]
+            })
+            .collect();
+        let pixel = |k: usize| {
+            let (y, x) = ((k / SIDE) as f64, (k % SIDE) as f64);
+            [0, 1, 2].map(|channel| {
+                let light: f64 = waves
+                    .iter()
+                    .map(|[a, b, phase, size]| {
+                        let wave = libm::sin(a * x + b * y + 6.0 * phase + 0.3 * channel as f64);
+                        size * (wave + 1.0)
+                    })
+                    .sum();
+                (level * light) as f32
+            })
+        };
+        (0..SIDE * SIDE).map(pixel).collect()
+    };
+    let (transmission, clean) = (picture(0.2), picture(0.3));
+    let share = stream.uniform([0.1, 0.6]) as f32;
+    let reflection: Vec<[f32; 3]> = clean.iter().map(|p| p.map(|v| v * share)).collect();
+    let input: Vec<[f32; 3]> = (0..SIDE * SIDE)
+        .map(|k| [0, 1, 2].map(|c| 0.9 * transmission[k][c] + reflection[k][c]))
+        .collect();
+    // Tuples store half floats.
+    let layer = |pixels: Vec<[f32; 3]>| {
+        let halved = |v: f32| exr::prelude::f16::from_f32(v).to_f32();
+        Layer::of_pixels(&pixels.iter().map(|p| p.map(halved)).collect::<Vec<_>>())
+    };
+    let layers = TupleLayers {
+        input: layer(input),
+        transmission: layer(transmission),
+        glass_reflection: layer(reflection),
+        clean_reflection: Some(layer(clean)),
+        coverage: None,
+    };
+    LinearTuple::new(SIDE, SIDE, layers).unwrap()
+}
+
+fn whole(tuple: &LinearTuple) -> Side<'_> {
+    Side { tuple, cut: Cut { row: 0, column: 0, size: SIDE, mirrored: false } }
+}
+
+fn draw(settings: &Composition, seed: u64) -> Draw {
+    Draw::new(settings, &mut Stream::new(seed, "composition 0"))
+}
+
+fn example(draw: &Draw, layering: Layering, front: Side, other: Option<Side>) -> ComposedExample {
+    draw.example(layering, front, other, SIDE, &mut Stream::new(1, "camera noise 0")).unwrap()
+}
+
+fn luminance_of(planes: &[f32]) -> f64 {
+    luminance(channel_means(planes))
+}
+
+/// Settings with the stated camera's effects alone.
+fn only_camera(change: fn(&mut Camera)) -> Composition {
+    let mut composition = Composition::off();
+    composition.camera = Camera {
+        enabled: true,
+        blur_share: 0.0,
+        shot_noise: [1e-9; 2],
+        read_noise: [1e-9; 2],
+        gamma_sigma: 0.0,
+        s_curve: [0.0; 2],
+        jpeg_share: 0.0,
+        ..Camera::default()
+    };
+    change(&mut composition.camera);
+    composition
+}
+
+#[test]
+fn everything_off_is_the_tuple() {
+    let tuple = tuple(3);
+    let cut = Cut { row: 5, column: 9, size: 32, mirrored: true };
+    let draw = draw(&Composition::off(), 4);
+    let side = Side { tuple: &tuple, cut };
+    let made = draw.example(Layering::Rendered, side, None, 32, &mut Stream::new(1, "n")).unwrap();
+    let coded = |layer: &Layer| -> Vec<f32> {
+        tuple.crop(layer, cut, 32).iter().map(|v| srgb_code(*v)).collect()
+    };
+    assert_eq!(made.input, coded(&tuple.input));
+    assert_eq!(made.transmission, coded(&tuple.transmission));
+    assert_eq!(made.glass_reflection, coded(&tuple.glass_reflection));
+    assert_eq!(made.clean_reflection.unwrap(), coded(tuple.clean_reflection.as_ref().unwrap()));
+    // The general path forms F and adds R~ to it, with the same bits before the codes.
+    let linear = draw.linear(Layering::Rendered, side, None, 32);
+    assert!(linear.input == tuple.crop(&tuple.input, cut, 32));
+    assert!(linear.transmission == tuple.crop(&tuple.transmission, cut, 32));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    /// The input exceeds the front by the reflection, and every strength is the drawn one.
+    #[test]
+    fn light_adds(seed in 0u64..1_000_000, mixture in any::<bool>()) {
+        let (front, back) = (tuple(seed), tuple(seed + 1));
+        let layering = if mixture { Layering::LinearMixture } else { Layering::Rendered };
+        let draw = draw(&Composition::default(), seed);
+        let other = draw.is_other.then(|| whole(&back)).or(mixture.then(|| whole(&back)));
+        let linear = draw.linear(layering, whole(&front), other, SIDE);
+        let DrawnStrength::Ratio(strength) = draw.strength else { panic!("{draw:?}") };
+        prop_assert!((linear.strength - strength).abs() < 1e-5 * strength.max(1e-3));
+        let ahead: Vec<f32> =
+            linear.input.iter().zip(&linear.glass_reflection).map(|(i, r)| i - r).collect();
+        let measured = luminance_of(&linear.glass_reflection) / luminance_of(&ahead);
+        prop_assert!((measured - strength).abs() < 1e-4, "{measured} {strength}");
+        prop_assert!(linear.input.iter().zip(&linear.glass_reflection).all(|(i, r)| i >= r));
+        // The pane, or the drawn factor of a mixture, passes a share of the target's light.
+        let passed = if mixture { draw.transmitted } else { 0.9 };
+        for (front, target) in ahead.iter().zip(&linear.transmission) {
+            let expected = passed as f32 * target;
+            prop_assert!((front - expected).abs() < 2e-3 * (1.0 + expected), "{front} {expected}");
+        }
+        if strength == 0.0 {
+            prop_assert!(linear.glass_reflection.iter().all(|v| *v == 0.0));
+        }
+        // The exposure keeps the percentile's level and, where it can, the front's mean.
+        let exposure = draw.exposure.unwrap();
+        let mut brightest: Vec<f32> = (0..SIDE * SIDE)
+            .map(|k| [0, 1, 2].map(|c| linear.input[c * SIDE * SIDE + k]).into_iter().fold(0.0, f32::max))
+            .collect();
+        brightest.sort_by(f32::total_cmp);
+        let rank = (exposure.percentile / 100.0 * (brightest.len() - 1) as f64).round() as usize;
+        let level = f64::from(brightest[rank]);
+        prop_assert!((0.0999..=1.3001).contains(&level), "{level}");
+        let mean = luminance_of(&ahead);
+        prop_assert!(mean < 0.4001 || level < 0.1001, "{mean} {level}");
+        prop_assert!(mean > 0.0299 || level > 1.2999, "{mean} {level}");
+    }
+
+    /// All codes are numbers from 0 to 1, and equal streams give equal bits.
+    #[test]
+    fn examples_are_codes_and_repeat(seed in 0u64..1_000_000) {
+        let (front, back) = (tuple(seed), tuple(seed + 1));
+        let draw = draw(&Composition::default(), seed);
+        let cut = Cut { row: 1, column: 2, size: 40, mirrored: true };
+        let other = Side { tuple: &back, cut };
+        let make = || {
+            let mut noise = Stream::new(seed, "camera noise 0");
+            draw.example(Layering::Rendered, Side { tuple: &front, cut }, Some(other), 32, &mut noise)
+        };
+        let made = make().unwrap();
+        prop_assert_eq!(&made, &make().unwrap());
+        prop_assert_eq!(made.input.len(), 3 * 32 * 32);
+        let layers = [&made.input, &made.transmission, &made.glass_reflection];
+        let layers = layers.into_iter().chain(&made.clean_reflection);
+        prop_assert!(layers.flatten().all(|v| (0.0..=1.0).contains(v)));
+    }
+}
+
+#[test]
+fn noise_and_jpeg_change_the_input_alone() {
+    let front = tuple(7);
+    let make =
+        |change| example(&draw(&only_camera(change), 2), Layering::Rendered, whole(&front), None);
+    let plain = make(|_| ());
+    for change in [
+        (|c| c.jpeg_share = 1.0) as fn(&mut Camera),
+        |c| c.shot_noise = [1e-3; 2],
+        |c| c.read_noise = [4e-3; 2],
+    ] {
+        let made = make(change);
+        assert_ne!(made.input, plain.input);
+        assert_eq!(
+            (&made.transmission, &made.glass_reflection, &made.clean_reflection),
+            (&plain.transmission, &plain.glass_reflection, &plain.clean_reflection)
+        );
+    }
+    // Rounding to 8 bits, and the least noise, change the input by half a step.
+    let stored = example(&draw(&Composition::off(), 2), Layering::Rendered, whole(&front), None);
+    let far =
+        |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(far(&plain.input, &stored.input) < 0.55 / 255.0);
+    assert!(far(&plain.transmission, &stored.transmission) < 2e-6);
+}
+
+#[test]
+fn curve_and_blur_are_the_same_for_input_and_target() {
+    // Without a reflection, and with a pane that loses nothing, input and target are equal.
+    let like = tuple(11);
+    let black = Layer::of_pixels(&vec![[0.0; 3]; SIDE * SIDE]);
+    let layers = TupleLayers {
+        input: like.transmission.clone(),
+        transmission: like.transmission.clone(),
+        glass_reflection: black,
+        clean_reflection: None,
+        coverage: None,
+    };
+    let clear = LinearTuple::new(SIDE, SIDE, layers).unwrap();
+    for seed in 0..20 {
+        let camera = only_camera(|c| {
+            c.blur_share = 0.5;
+            c.gamma_sigma = 0.12;
+            c.s_curve = [-0.25, 0.35];
+        })
+        .camera;
+        let settings = Composition { camera, ..Composition::default() };
+        let draw = draw(&settings, seed);
+        let made = example(&draw, Layering::Rendered, whole(&clear), None);
+        for (input, target) in made.input.iter().zip(&made.transmission) {
+            assert!((input - target).abs() < 0.6 / 255.0, "{input} {target}");
+        }
+        assert!(made.glass_reflection.iter().all(|v| *v == 0.0));
+    }
+}
+
+#[test]
+fn mixtures_and_composed_examples_have_equal_strengths() {
+    let tuples: Vec<LinearTuple> = (100..108).map(tuple).collect();
+    for strength in [Composition::default().strength, Strength::OfTuple] {
+        let settings = Composition { strength, other_share: 1.0, ..Composition::default() };
+        let strengths = |layering| {
+            let mut all: Vec<f64> = (0..200)
+                .map(|k| {
+                    let draw = draw(&settings, k as u64);
+                    let [front, back] =
+                        [&tuples[k % 8], &tuples[(k + 1 + k / 8 % 7) % 8]].map(whole);
+                    draw.linear(layering, front, Some(back), SIDE).strength
+                })
+                .collect();
+            all.sort_by(f64::total_cmp);
+            [20, 50, 100, 150, 180].map(|rank| all[rank])
+        };
+        let [composed, mixed] = [Layering::Rendered, Layering::LinearMixture].map(strengths);
+        for (a, b) in composed.into_iter().zip(mixed) {
+            assert!((a - b).abs() <= 1e-5 * a, "{composed:?} {mixed:?}");
+        }
+        assert!(composed[0] > 0.0 && composed[4] > 1.5 * composed[0], "{composed:?}");
+    }
+}
+
+#[test]
+fn another_tuples_reflection_is_where_the_fronts_pane_is() {
+    let (mut front, back) = (tuple(21), tuple(22));
+    let half: Vec<f32> =
+        (0..SIDE * SIDE).map(|k| f32::from(u8::from(k % SIDE < SIDE / 2))).collect();
+    front.coverage = Some(Layer::Floats(half));
+    let draw = draw(&Composition { none_share: 0.0, ..Composition::default() }, 1);
+    let other = draw.linear(Layering::Rendered, whole(&front), Some(whole(&back)), SIDE);
+    let column = |planes: &[f32], x: usize| (0..SIDE).map(|y| planes[y * SIDE + x]).sum::<f32>();
+    let reflection = &other.glass_reflection;
+    assert!(column(reflection, SIDE / 2 - 1) > 0.0 && column(reflection, SIDE / 2) == 0.0);
+    // The tuple's own reflection needs no second cover.
+    let own = draw.linear(Layering::Rendered, whole(&front), None, SIDE);
+    assert!(column(&own.glass_reflection, SIDE / 2) > 0.0);
+}
+
+/// Equal bits on every machine: the digest of examples with all effects but JPEG, and of one with JPEG.
+#[test]
+fn bits_do_not_change() {
+    let digest = |jpeg_share| {
+        let mut settings = Composition::default();
+        settings.camera.jpeg_share = jpeg_share;
+        settings.camera.blur_share = 1.0;
+        let mut hasher = blake3::Hasher::new();
+        for (seed, layering) in [(5, Layering::Rendered), (6, Layering::LinearMixture)] {
+            let (front, back) = (tuple(seed), tuple(seed + 1));
+            let cut = Cut { row: 3, column: 0, size: 45, mirrored: true };
+            let side = |tuple| Side { tuple, cut };
+            let mut noise = Stream::new(seed, "camera noise 0");
+            let made = draw(&settings, seed)
+                .example(layering, side(&front), Some(side(&back)), 32, &mut noise)
+                .unwrap();
+            for layer in [&made.input, &made.transmission, &made.glass_reflection] {
+                for value in layer {
+                    hasher.update(&value.to_le_bytes());
+                }
+            }
+        }
+        hasher.finalize().to_hex()[..16].to_owned()
+    };
+    assert_eq!([0.0, 1.0].map(digest), ["083c87d02ce2e322", "4b30e446c5928d78"]);
+}
