@@ -122,6 +122,7 @@ def main():
         "glasshouse_step_cpu_seconds": statistics.median(ours),
         "pytorch_step_cpu_seconds": medians[best],
         "pytorch_layout": best,
+        "pytorch_layouts_cpu_seconds": medians,
         "pytorch_version": other["version"],
         "ratio": statistics.median(ours) / medians[best],
         "params": mine["params"],

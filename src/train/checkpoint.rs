@@ -2,6 +2,7 @@
 
 use super::learner::Learner;
 use candle_core::{Device, Tensor};
+use compose::Baselines;
 use plan::{Stage, TrainSettings};
 use render::atomic_file::{self, WriteError};
 use serde::{Deserialize, Serialize};
@@ -43,6 +44,14 @@ pub struct Change {
     pub changes: Vec<String>,
 }
 
+/// What a training began with, and what happened since.
+#[derive(Clone, Debug)]
+pub struct Past {
+    pub origin: Origin,
+    pub history: Vec<Change>,
+    pub baselines: Option<Baselines>,
+}
+
 /// Contents of `state.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -62,6 +71,10 @@ pub struct CheckpointState {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub history: Vec<Change>,
     pub origin: Origin,
+    /// Factor and veil rule, fitted to the first examples of the separation stage; `None` in checkpoints of the first
+    /// version and of trainings that follow a farm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub baselines: Option<Baselines>,
     /// Instruction set of matrix products, which affects the last bits.
     pub code_path: String,
     /// Mean PSNR of the outputs for the validation scenes, dB; `None` without validation scenes.
@@ -160,8 +173,7 @@ pub fn write_checkpoint(
     step: u64,
     learner: &Learner,
     settings: &TrainSettings,
-    origin: &Origin,
-    history: &[Change],
+    past: &Past,
     validation_psnr_db: Option<f64>,
 ) -> Result<PathBuf, CheckpointError> {
     let path = checkpoint_folder(stage_folder, step);
@@ -183,8 +195,9 @@ pub fn write_checkpoint(
         discriminator_steps: learner.discriminator_adam.as_ref().map_or(0, |adam| adam.steps),
         parameters: learner.parameters(),
         settings: settings.clone(),
-        history: history.to_vec(),
-        origin: origin.clone(),
+        history: past.history.clone(),
+        origin: past.origin.clone(),
+        baselines: past.baselines.clone(),
         code_path: code_path().to_owned(),
         validation_psnr_db,
         files: files.iter().map(|(name, bytes)| ((*name).to_owned(), digest(bytes))).collect(),

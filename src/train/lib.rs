@@ -32,6 +32,7 @@ mod evaluation;
 mod evaluation_notes;
 mod events;
 mod example;
+mod example_baselines;
 mod example_sampler;
 mod generator;
 mod inference;
@@ -71,7 +72,7 @@ pub use safetensors;
 pub use adam::{Adam, AdamOptions, Averages, Moments};
 pub use batch::Batch;
 pub use checkpoint::{
-    CHECKPOINT_SCHEMA, Change, Checkpoint, CheckpointError, CheckpointState, Origin,
+    CHECKPOINT_SCHEMA, Change, Checkpoint, CheckpointError, CheckpointState, Origin, Past,
     checkpoint_folder, clear, code_path, prune, stage_folder, steps, write_checkpoint,
 };
 pub use compose::Cut;

@@ -2,12 +2,14 @@
 
 use super::checkpoint::{Change, Checkpoint, Origin, code_path, stage_folder};
 use super::error::TrainError;
+use super::example_baselines::baselines;
+use super::example_sampler::ExampleSampler;
 use super::learner::Learner;
 use super::run::Training;
 use super::session::Watcher;
 use super::vgg::Vgg;
 use candle_core::Device;
-use compose::Pair;
+use compose::{Baselines, Pair};
 use plan::{FREE, NetworkKind, ScheduleKind, Stage, TrainSettings};
 use rayon::prelude::*;
 use render::folder_lock::FolderLock;
@@ -169,6 +171,21 @@ impl Beginning {
                 Err(other_origin(VGG, before))
             }
             _ => Ok(origin),
+        }
+    }
+
+    /// Returns the baselines of the training, or fits those of a new one to its first examples.
+    pub(super) fn baselines(
+        &self,
+        stage: Stage,
+        settings: &TrainSettings,
+        sampler: &ExampleSampler,
+    ) -> Option<Baselines> {
+        match &self.own {
+            Some(own) => own.state.baselines.clone(),
+            // With `follow`, examples may be hours away.
+            None if stage == Stage::Backtrack || settings.follow => None,
+            None => baselines(sampler, settings.batch),
         }
     }
 

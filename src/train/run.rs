@@ -1,6 +1,6 @@
 //! The training of one stage in a run's folder, resumed from its checkpoints.
 
-use super::checkpoint::{clear, code_path, prune, stage_folder, steps};
+use super::checkpoint::{Past, clear, code_path, prune, stage_folder, steps};
 use super::error::TrainError;
 use super::example::Example;
 use super::example_sampler::{ExampleSampler, SceneSource};
@@ -187,19 +187,15 @@ pub fn run(
     };
     let schedule = schedule(&training);
     let steps = beginning.step()..schedule.until;
-    let mut session = Session::new(
-        &folder,
-        learner,
-        settings.clone(),
-        origin,
-        Checks { validation, shown },
-        beginning.own.as_ref(),
-        beginning.history(&settings),
-    )?;
     let (stop_sender, stopped) = bounded(0);
     let memory = training.memory_bytes;
     let scenes = scene_source(training, &settings, lines);
     let sampler = ExampleSampler::new(&settings, scenes, PairSource { pairs }, memory, stopped)?;
+    let baselines = beginning.baselines(stage, &settings, &sampler);
+    let past = Past { origin, history: beginning.history(&settings), baselines };
+    let own = beginning.own.as_ref();
+    let checks = Checks { validation, shown };
+    let mut session = Session::new(&folder, learner, settings.clone(), past, checks, own)?;
     // As many readers as compute threads: their examples are due together, and a reader that is ahead waits.
     let readers = rayon::current_num_threads();
     let mut loader = Loader::start(sampler, steps.clone(), readers, stop_sender);

@@ -86,8 +86,8 @@ impl SeparationNet {
         matches!(self.net, Net::Generator(_))
     }
 
-    /// Computes the outputs, not clamped, from sRGB-coded images and their features, finest first (see
-    /// [`Self::needs_features`]).
+    /// Computes the outputs, not clamped, from sRGB-coded images and their features, finest first; a
+    /// U-Net needs none.
     pub fn forward(&self, images: &Tensor, features: &[Tensor]) -> Result<Separated> {
         self.split(
             images,

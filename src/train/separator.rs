@@ -153,7 +153,7 @@ pub struct Separation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{FeatureSource, Origin, write_checkpoint};
+    use crate::{FeatureSource, Origin, Past, write_checkpoint};
 
     fn settings() -> TrainSettings {
         TrainSettings {
@@ -182,7 +182,8 @@ mod tests {
             real_files_blake3: None,
             backtrack: None,
         };
-        let path = write_checkpoint(folder, 3, &learner, settings, &origin, &[], None).unwrap();
+        let past = Past { origin, history: Vec::new(), baselines: None };
+        let path = write_checkpoint(folder, 3, &learner, settings, &past, None).unwrap();
         Checkpoint::read(&path, &Device::Cpu).unwrap()
     }
 

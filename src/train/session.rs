@@ -2,7 +2,7 @@
 
 use super::batch::Batch;
 use super::checkpoint::{
-    Change, Checkpoint, CheckpointError, CheckpointState, Origin, prune, write_checkpoint,
+    Checkpoint, CheckpointError, CheckpointState, Past, prune, write_checkpoint,
 };
 use super::error::TrainError;
 use super::example::Example;
@@ -145,9 +145,8 @@ pub struct Session {
     folder: PathBuf,
     learner: Learner,
     settings: TrainSettings,
-    origin: Origin,
+    past: Past,
     checks: Checks,
-    history: Vec<Change>,
     /// First example of the session, with which each checkpoint's networks are tried.
     probe: Option<Example>,
     step: u64,
@@ -167,10 +166,9 @@ impl Session {
         folder: &Path,
         mut learner: Learner,
         settings: TrainSettings,
-        origin: Origin,
+        past: Past,
         checks: Checks,
         from: Option<&Checkpoint>,
-        history: Vec<Change>,
     ) -> Result<Self, TrainError> {
         let mut last = None;
         if let Some(checkpoint) = from {
@@ -193,9 +191,8 @@ impl Session {
             last,
             learner,
             settings,
-            origin,
+            past,
             checks,
-            history,
             probe: None,
         })
     }
@@ -320,8 +317,7 @@ impl Session {
             self.step,
             &self.learner,
             &self.settings,
-            &self.origin,
-            &self.history,
+            &self.past,
             psnr,
         )?;
         Best::note(&self.folder, self.step, psnr)?;

@@ -24,10 +24,6 @@ pub(super) struct Layer {
 }
 
 impl Layer {
-    fn inputs_in_all(&self) -> usize {
-        self.inputs.iter().sum()
-    }
-
     /// Returns the channel of each input in an [`Image`], whose parts are padded to multiples of 16.
     fn places(&self) -> Vec<usize> {
         let mut first = 0;
@@ -46,11 +42,14 @@ impl Layer {
     /// Calls `with` with the place of each weight of the kernel among all, its row and column, output and input channel.
     fn each_weight(&self, mut with: impl FnMut(usize, [usize; 2], usize, usize)) {
         let places = self.places();
+        let mut at = self.kernel_at;
         for output in 0..self.outputs {
-            for (input, place) in places.iter().enumerate() {
-                for pixel in 0..9 {
-                    let at = self.kernel_at + (output * self.inputs_in_all() + input) * 9 + pixel;
-                    with(at, [pixel / 3, pixel % 3], output, *place);
+            for place in &places {
+                for y in 0..3 {
+                    for x in 0..3 {
+                        with(at, [y, x], output, *place);
+                        at += 1;
+                    }
                 }
             }
         }
@@ -255,15 +254,16 @@ impl CustomOp2 for Backward {
             })
             .collect();
         let mut out = vec![0.0; weights.len()];
-        for sums in &sums {
-            for (layer, (kernel, bias)) in self.layers.iter().zip(&sums.0) {
-                let (inputs, outputs) = (kernel.inputs, kernel.outputs);
-                layer.each_weight(|at, [y, x], output, input| {
-                    out[at] += kernel.values[((y * 3 + x) * inputs + input) * outputs + output];
-                });
-                let of_bias = &mut out[layer.bias_at..][..layer.outputs];
-                of_bias.iter_mut().zip(bias).for_each(|(out, part)| *out += part);
-            }
+        let total = sums
+            .into_iter()
+            .reduce(|sum, part| sum.plus(&part))
+            .unwrap_or_else(|| Sums::zeros(&[]));
+        for (layer, (kernel, bias)) in self.layers.iter().zip(&total.0) {
+            let (inputs, outputs) = (kernel.inputs, kernel.outputs);
+            layer.each_weight(|at, [y, x], output, input| {
+                out[at] = kernel.values[((y * 3 + x) * inputs + input) * outputs + output];
+            });
+            out[layer.bias_at..][..layer.outputs].copy_from_slice(&bias[..layer.outputs]);
         }
         Ok((CpuStorage::F32(out), weights_layout.shape().clone()))
     }
@@ -280,6 +280,14 @@ impl Sums {
             (kernel, bias)
         };
         Self(layers.iter().map(zeros).collect())
+    }
+
+    fn plus(mut self, other: &Self) -> Self {
+        for ((kernel, bias), (more, more_bias)) in self.0.iter_mut().zip(&other.0) {
+            kernel.values.iter_mut().zip(&more.values).for_each(|(sum, part)| *sum += part);
+            bias.iter_mut().zip(more_bias).for_each(|(sum, part)| *sum += part);
+        }
+        self
     }
 
     /// Adds the gradients for one image of the batch, given the gradient of the last image of its tape.

@@ -115,7 +115,7 @@ fn no_command_overwrites_a_file_that_another_program_wrote() {
     if cfg!(feature = "train") {
         refused(
             folder,
-            "separate runs/smoke photo.jpg --out mine",
+            "separate photo.jpg --network runs/smoke --out mine",
             &["mine/photo.transmission.png exists", "`glasshouse separate`"],
         );
     }

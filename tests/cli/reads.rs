@@ -27,7 +27,7 @@ fn readers(name: &str) -> Vec<String> {
         "render NAME.json --out rendered".to_owned(),
         "bench error --scene NAME.json --out error".to_owned(),
         #[cfg(feature = "train")]
-        "separate runs/smoke NAME.png --out separated".to_owned(),
+        "separate NAME.png --network runs/smoke --out separated".to_owned(),
         #[cfg(feature = "train")]
         "evaluate NAME-pairs".to_owned(),
         "inspect NAME.png".to_owned(),

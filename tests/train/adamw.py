@@ -14,6 +14,6 @@ for step in range(1, 31):
     optimizer.step()
     mean.lerp_(w.detach(), 1 - min(0.8, step / (step + 20)))
     if step in (1, 2, 30):
-        numbers = ", ".join(f"{v:.7f}" for v in [*w.tolist(), *mean.tolist()])
+        numbers = ", ".join(f"{v:.6g}" for v in [*w.tolist(), *mean.tolist()])
         print(f"        ({step}, [{numbers}]),")
 print("    ];")

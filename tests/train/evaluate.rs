@@ -391,3 +391,29 @@ fn ctrl_c_stops_between_pictures() {
     assert!((1..200).contains(&done), "{done}");
     assert_eq!(files(&out).len(), 3 * done);
 }
+
+#[test]
+fn a_checkpoint_brings_the_baselines_of_its_training() {
+    let place = merged();
+    train(&place);
+    let pairs = place.folder.path().join("pairs");
+    for (layer, file) in [("blended", "input.png"), ("transmission_layer", "transmission.png")] {
+        std::fs::create_dir_all(pairs.join(layer)).unwrap();
+        let from = tuples(&place.run, "test")[0].join(file);
+        std::fs::copy(from, pairs.join(layer).join("1.png")).unwrap();
+    }
+    let of = |more: &[&str]| {
+        let arguments = ["evaluate", text(&pairs), "--checkpoint", text(&place.run), "--json"];
+        run(&[&arguments[..], more].concat()).expect(0).json()
+    };
+    let json = of(&[]);
+    let fitted = &json["baselines"]["fitted"];
+    assert_eq!(fitted["fitted_to"], "the examples of the training");
+    assert_eq!((methods(&json).len(), fitted["images"].as_u64()), (6, Some(64)));
+    // Other examples and given numbers replace them.
+    let json = of(&["--fit-to", text(&place.run)]);
+    assert_eq!(json["baselines"]["fitted"]["fitted_to"], text(&place.run));
+    let json = of(&["--factor", "0.5"]);
+    assert_eq!(json["baselines"]["factor"], 0.5);
+    assert_eq!(json["baselines"]["fitted"]["images"], 64);
+}

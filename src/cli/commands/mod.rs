@@ -174,7 +174,7 @@ Exit code 3: some pictures are unreadable or smaller than 16 px on a side; the o
 
 Examples:
   glasshouse separate photo.jpg --network runs/smoke --out separated
-  glasshouse separate photo.jpg --network runs/smoke/train/separation --out separated --work-px 0 --json")]
+  glasshouse separate photo.jpg --network runs/smoke --out separated --work-px 0 --json")]
     Separate(separate::SeparateArgs),
     /// Export a run's tuples as a data set for common loaders: tars, folders or OpenEXR files
     #[command(after_help = "\

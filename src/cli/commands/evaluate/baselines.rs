@@ -32,21 +32,23 @@ fn number(typed: &str, what: &str, allowed: &std::ops::RangeInclusive<f64>) -> R
     number.ok_or_else(|| format!("the {what} is a number from {low} to {high}"))
 }
 
-/// Combines the given rules with those fitted to the pictures of `--fit-to` or, for a run, to its own train scenes. Also
-/// lists the pictures that were unusable for the fit.
+/// Combines the given rules with those fitted to the pictures of `--fit-to`, or for a run to its own train scenes, or
+/// else with those of the first network's training. Also lists the pictures that were unusable for the fit.
 pub(super) fn rules(
     args: &EvaluateArgs,
+    of_networks: Option<&Baselines>,
     output: &Output,
     signals: &Signals,
 ) -> Result<(Rules, Vec<LeftOut>), Failure> {
     let (mut fitted, mut left_out) = (None, Vec::new());
     if args.factor.is_none() || args.veil.is_none() || args.fit_to.is_some() {
         (fitted, left_out) = baselines(args, output, signals)?;
+        fitted = fitted.or_else(|| of_networks.cloned());
     }
     let rules = Rules::new(fitted, args.factor, args.veil);
     if rules.factor.is_none() || rules.veil.is_none() {
         output.note(
-            "without training examples, rules have rows only if they are given: --fit-to RUN|DIR fits them, --factor G and --veil G,K set them",
+            "without a network or training examples, rules have rows only if they are given: --fit-to RUN|DIR fits them, --factor G and --veil G,K set them",
         );
     }
     Ok((rules, left_out))

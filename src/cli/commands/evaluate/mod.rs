@@ -192,7 +192,8 @@ impl<'a> Task<'a> {
         let Methods { networks, outputs } = &self.methods;
         let subject = self.pictures.subject();
         let signals = Signals::catch();
-        let (rules, of_fit) = rules(args, output, &signals)?;
+        let of_networks = networks.iter().find_map(|(_, network)| network.state.baselines.as_ref());
+        let (rules, of_fit) = rules(args, of_networks, output, &signals)?;
         self.methods.check_names(&rules)?;
         let tile_px = args.tile_px;
         let separators = networks.iter().map(|(_, network)| &network.separator);
