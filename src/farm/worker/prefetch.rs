@@ -216,6 +216,8 @@ impl<'a> Prefetcher<'_, 'a> {
             Err(error @ LoadError::Read { .. })
                 if worker.shared_queue.is_none() && !self.has_readable_scene() =>
             {
+                // The files may be gone with the folder of the run, which is another failure.
+                worker.store.check_place()?;
                 return Err(FarmError::NoInputs(error.to_string()));
             }
             Ok(_) if is_suspect => {
