@@ -316,7 +316,8 @@ fn a_killed_unet_resumes_with_the_same_bits_and_separates() {
     let scene = std::fs::read_dir(whole.run.join("tuples")).unwrap().next().unwrap().unwrap();
     let photo = scene.path().join("input.png");
     let out = whole.folder.path().join("out");
-    run(&["separate", text(&whole.run), text(&photo), "--out", text(&out)]).expect(0);
+    let arguments = ["separate", text(&photo), "--network", text(&whole.run), "--out", text(&out)];
+    run(&arguments).expect(0);
 }
 
 #[test]
