@@ -8,7 +8,7 @@ use std::time::Instant;
 /// Waves of the synthetic pictures.
 const WAVES: usize = 12;
 
-/// Tuples in memory, of which examples are composed.
+/// Tuples in memory, from which the benchmark composes examples.
 pub struct CompositionBench {
     tuples: Vec<LinearTuple>,
     settings: Composition,
@@ -123,7 +123,7 @@ fn halved(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
     pixels.iter().map(|pixel| pixel.map(|v| f32::from_bits(v.to_bits() & !0x1fff))).collect()
 }
 
-/// Makes a picture of waves, of which some are steps.
+/// Makes a picture of sine waves and square waves.
 fn picture(size_px: usize, stream: &mut Stream) -> Vec<[f32; 3]> {
     let waves: Vec<[f64; 4]> = (0..WAVES)
         .map(|_| {

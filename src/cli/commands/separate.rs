@@ -47,7 +47,8 @@ pub(super) struct SeparateArgs {
     /// change. 0 for the full size
     #[arg(long, value_name = "PX", default_value_t = WORK_PX, value_parser = clap::value_parser!(u32).range(0..=65536))]
     work_px: u32,
-    /// Side of the overlapping tiles of a larger picture for the networks, px. Smaller tiles need less memory
+    /// Side of the overlapping tiles of a larger picture for the networks, px. Smaller tiles need less memory; the least
+    /// side is 320 px, or 512 px for a U-Net, and smaller values count as these
     #[arg(long, value_name = "PX", default_value_t = TILE_PX, value_parser = clap::value_parser!(u32).range(272..=16384))]
     tile_px: u32,
 }
