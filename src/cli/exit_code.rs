@@ -250,6 +250,8 @@ impl From<train::TrainError> for Failure {
             E::Setting(_) | E::NoRealPairs { .. } | E::NoBacktrackStage { .. } => Exit::Usage,
             E::Frozen { .. } | E::OtherOrigin { .. } | E::ScheduleEnds { .. } => Exit::Disagrees,
             E::NoBacktrack { .. }
+            | E::From { .. }
+            | E::NothingToSelect { .. }
             | E::Features(_)
             | E::Checkpoint(C::Damaged { .. })
             | E::Example(X::Unusable { .. } | X::None(_)) => Exit::InvalidInput,

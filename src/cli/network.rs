@@ -5,11 +5,12 @@ use super::exit_code::{Exit, Failure, failure};
 use super::output::Output;
 use crate::run::keys;
 use clap::ValueEnum;
-use plan::{FeatureSource, Stage};
+use plan::{FeatureSource, NetworkKind, Stage};
 use std::path::{Path, PathBuf};
 use train::candle_core::Device;
 use train::{
-    Best, Checkpoint, CheckpointState, Features, Separator, checkpoint_folder, stage_folder,
+    Best, Checkpoint, CheckpointState, Features, Separator, checkpoint_folder, stage_folder, steps,
+    training_folder,
 };
 
 /// Device that runs the networks.
@@ -74,7 +75,16 @@ impl Network {
         weights: Option<&str>,
         output: &Output,
     ) -> Result<Self, Failure> {
-        let checkpoint = checkpoint(place, output)?;
+        Self::of(checkpoint(place, output)?, weights, output)
+    }
+
+    /// Returns the networks whose weights ship with the program.
+    pub(super) fn shipped(output: &Output) -> Result<Self, Failure> {
+        let checkpoint = Checkpoint::shipped().map_err(|e| Failure::new(Exit::Failed, e))?;
+        Self::of(checkpoint, None, output)
+    }
+
+    fn of(checkpoint: Checkpoint, weights: Option<&str>, output: &Output) -> Result<Self, Failure> {
         let settings = &checkpoint.state.settings;
         if weights.is_some() && settings.features != FeatureSource::File {
             output.note(&format!(
@@ -98,6 +108,8 @@ impl Network {
         let name = name
             .map_or_else(|| format!("{} step {}", state.stage.name(), state.step), str::to_owned);
         match state.settings.features {
+            // A U-Net has no features.
+            _ if state.settings.network == NetworkKind::Unet => name,
             FeatureSource::File => name,
             FeatureSource::Random => format!("{name} (features random)"),
             FeatureSource::None => format!("{name} (features none)"),
@@ -107,15 +119,21 @@ impl Network {
 
 /// Reads the checkpoint at a place. Of several, it is the one that validation chose, or the newest without validation;
 /// scores and separated pictures therefore come from the same networks.
-fn checkpoint(place: &Path, output: &Output) -> Result<Checkpoint, Failure> {
+pub(super) fn checkpoint(place: &Path, output: &Output) -> Result<Checkpoint, Failure> {
     let is_step = |name: &str| name.starts_with("step-");
     let name = place.file_name().map(std::ffi::OsStr::to_string_lossy);
     if place.join("state.json").is_file() || (place.is_dir() && name.is_some_and(|n| is_step(&n))) {
         return Checkpoint::read(place, &Device::Cpu)
             .map_err(|e| Failure::new(Exit::InvalidInput, e));
     }
-    let is_run = place.join(keys::SPEC).is_file();
-    let folder = if is_run { stage_folder(place, Stage::Separation) } else { place.to_owned() };
+    let is_run = is_run(place);
+    let folder = if is_run {
+        only_training(place)?
+    } else {
+        // The folder of a training has one for each stage.
+        let of_training = stage_folder(place, Stage::Separation);
+        if of_training.is_dir() { of_training } else { place.to_owned() }
+    };
     if let Some(best) = Best::read(&folder)? {
         match Checkpoint::read(&checkpoint_folder(&folder, best.step), &Device::Cpu) {
             Ok(checkpoint) => return Ok(checkpoint),
@@ -140,8 +158,65 @@ fn checkpoint(place: &Path, output: &Output) -> Result<Checkpoint, Failure> {
         } else {
             failure!(
                 Exit::InvalidInput,
-                "{place} holds no checkpoint; give the folder of a checkpoint (step-NNNNNNN), a stage (RUN/train/separation) or a run"
+                "{place} holds no checkpoint; give the folder of a checkpoint (step-NNNNNNN), a stage (RUN/train/separation), a named training (RUN/train/NAME) or a run"
             )
         }
     })
+}
+
+/// True if the folder is a run.
+pub(super) fn is_run(place: &Path) -> bool {
+    place.join(keys::SPEC).is_file()
+}
+
+/// A training of a run with checkpoints of the separation stage.
+pub(super) struct RunTraining {
+    /// `None` for the training without a name.
+    pub(super) name: Option<String>,
+    pub(super) folder: PathBuf,
+}
+
+/// Lists the trainings of a run that have checkpoints of the separation stage, the one without a name first.
+pub(super) fn trainings(run: &Path) -> Result<Vec<RunTraining>, Failure> {
+    let all = training_folder(run, None);
+    let failed = |e| failure!(Exit::Failed, "cannot list {}: {e}", all.display());
+    let mut names = vec![None];
+    match std::fs::read_dir(&all) {
+        Ok(entries) => {
+            for entry in entries {
+                let name = entry.map_err(failed)?.file_name();
+                names.extend(name.to_str().map(|name| Some(name.to_owned())));
+            }
+        }
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(failed(error)),
+    }
+    names.sort_unstable();
+    let mut trainings = Vec::new();
+    for name in names {
+        let folder = training_folder(run, name.as_deref());
+        if !steps(&stage_folder(&folder, Stage::Separation)).map_err(failed)?.is_empty() {
+            trainings.push(RunTraining { name, folder });
+        }
+    }
+    Ok(trainings)
+}
+
+/// Returns the folder of the separation stage of a run's only training, or of its training without a name.
+fn only_training(run: &Path) -> Result<PathBuf, Failure> {
+    let trainings = trainings(run)?;
+    let named: Vec<&str> = trainings.iter().filter_map(|t| t.name.as_deref()).collect();
+    let folder = match &trainings[..] {
+        [only] => only.folder.clone(),
+        [first, ..] if first.name.is_none() => first.folder.clone(),
+        [] => training_folder(run, None),
+        _ => {
+            let (run, names) = (run.display(), named.join(", "));
+            return Err(failure!(
+                Exit::Usage,
+                "{run} has several trainings: give {run}/train/NAME with one of {names}"
+            ));
+        }
+    };
+    Ok(stage_folder(&folder, Stage::Separation))
 }

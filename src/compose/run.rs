@@ -313,7 +313,7 @@ mod tests {
         assert_eq!((seen.get(), scored.done, scored.stopped), (5, 5, false));
         // A row has the pictures of four methods and the truth.
         assert!(scored.kept.iter().all(|row| row.len() == 5));
-        let found = summaries(&scored.rows, Some(veil));
+        let found = summaries(&scored.rows, Some(veil), &[]);
         assert!(found.iter().all(|row| row.all.count == 2 && row.group == "all"));
         let psnrs_db = |row: usize| {
             let scores = found[row].all.scores;

@@ -50,7 +50,7 @@ pub trait Subject: Sync {
 
 /// Reads a picture and its truth, checks that their sizes are equal, and scales both down to `longest_px`, if given.
 /// Also returns the size of the files, px.
-pub(super) fn read_sized(
+pub fn read_sized(
     subject: &dyn Subject,
     index: usize,
     longest_px: Option<u32>,

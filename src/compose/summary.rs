@@ -3,6 +3,7 @@
 use super::bootstrap::Interval;
 use super::per_image::Row;
 use super::score::Scores;
+use super::seeds::{SeedGroup, Spread};
 use serde::Serialize;
 
 /// Name of the group of all pictures.
@@ -45,6 +46,10 @@ pub struct MethodSummary {
     pub all: Summary,
     /// The same over the aligned pairs; `None` without measured shifts.
     pub aligned: Option<Summary>,
+    /// For a row of means over seeds: their spread over all pictures of the group.
+    pub spread: Option<Spread>,
+    /// For a seed: the name of the row of means.
+    pub seed_of: Option<String>,
 }
 
 /// Lists the groups of the rows: [`ALL`], then the named ones in the order of their first pictures.
@@ -58,9 +63,11 @@ pub fn groups(rows: &[Row]) -> Vec<String> {
     groups
 }
 
-/// Summarises every method over every group, in the order of the groups, then of the methods' first rows. `veil` is the
-/// name of the veil rule's row.
-pub fn summaries(rows: &[Row], veil: Option<&str>) -> Vec<MethodSummary> {
+/// Summarises every method over every group, in the order of the groups, then of the methods' first rows, and last the
+/// means over seeds. `veil` is the name of the veil rule's row.
+pub fn summaries(rows: &[Row], veil: Option<&str>, seeds: &[SeedGroup]) -> Vec<MethodSummary> {
+    let means = seeds.iter().flat_map(|seeds| seeds.mean_rows(rows));
+    let rows: &[Row] = &rows.iter().cloned().chain(means).collect::<Vec<Row>>();
     let mut methods: Vec<(&str, bool)> = Vec::new();
     for row in rows {
         if !methods.iter().any(|(method, _)| *method == row.method) {
@@ -76,6 +83,16 @@ pub fn summaries(rows: &[Row], veil: Option<&str>) -> Vec<MethodSummary> {
         let veil = veil.map(select);
         Summary::of(&select(method), &select(INPUT), veil.as_deref())
     };
+    let spread = |group: &str, method: &str| {
+        let of_method = seeds.iter().find(|seeds| seeds.method == method)?;
+        let mean = |member: &String| of(group, member, |_| true).scores;
+        let means: Vec<Scores> = of_method.members.iter().map(mean).collect();
+        Some(Spread::of(&means))
+    };
+    let seed_of = |method: &str| {
+        let of_method = seeds.iter().find(|seeds| seeds.members.iter().any(|m| m == method));
+        of_method.map(|seeds| seeds.method.clone())
+    };
     let mut all = Vec::new();
     for group in groups(rows) {
         for &(method, oracle) in &methods {
@@ -84,6 +101,8 @@ pub fn summaries(rows: &[Row], veil: Option<&str>) -> Vec<MethodSummary> {
                 oracle,
                 all: of(&group, method, |_| true),
                 aligned: is_measured.then(|| of(&group, method, Row::is_aligned)),
+                spread: spread(&group, method),
+                seed_of: seed_of(method),
                 group: group.clone(),
             });
         }
@@ -158,7 +177,7 @@ mod tests {
             row("net", "2", "a", 21.02),
             row("net", "3", "b", infinite),
         ];
-        let found = summaries(&rows, Some("veil"));
+        let found = summaries(&rows, Some("veil"), &[]);
         let names: Vec<(&str, &str)> =
             found.iter().map(|row| (row.group.as_str(), row.method.as_str())).collect();
         let methods = ["input", "veil", "net"];
@@ -187,7 +206,7 @@ mod tests {
             let only_for = Some(only_for.to_owned());
             rows.push(Row { only_for, ..row("best", image, group, psnr_db) });
         }
-        let found = summaries(&rows, None);
+        let found = summaries(&rows, None, &[]);
         let of = |group: &str| {
             let row = found.iter().find(|row| row.group == group && row.method == "best");
             (row.unwrap().all.count, row.unwrap().all.scores.psnr_colour_db)
@@ -207,9 +226,33 @@ mod tests {
         let mut rows = vec![row("input", "1", "", 20.0), row("input", "2", "", 30.0)];
         rows[0].shift_px = Some(9.0);
         rows[1].shift_px = Some(0.5);
-        let found = summaries(&rows, None);
+        let found = summaries(&rows, None, &[]);
         assert_eq!((found.len(), found[0].all.count), (1, 2));
         let aligned = found[0].aligned.as_ref().unwrap();
         assert_eq!((aligned.count, aligned.scores.psnr_colour_db), (1, 30.0));
+    }
+    #[test]
+    fn seeds_have_means_and_a_spread() {
+        let mut rows = vec![row("input", "1", "", 20.0), row("input", "2", "", 20.0)];
+        for (seed, psnrs_db) in [("s1", [19.0, 23.0]), ("s2", [20.0, 24.0]), ("s3", [22.0, 25.0])] {
+            rows.extend([row(seed, "1", "", psnrs_db[0]), row(seed, "2", "", psnrs_db[1])]);
+        }
+        let members = ["s1", "s2", "s3"].map(str::to_owned).to_vec();
+        let seeds = SeedGroup { method: "net".to_owned(), members };
+        let found = summaries(&rows, None, &[seeds]);
+        let names: Vec<&str> = found.iter().map(|row| row.method.as_str()).collect();
+        assert_eq!(names, ["input", "s1", "s2", "s3", "net"]);
+        let net = &found[4];
+        // Means over both pictures: 21, 22, 23.5.
+        assert!((net.all.scores.psnr_colour_db - 66.5 / 3.0).abs() < 1e-12);
+        let spread = net.spread.unwrap();
+        let [mean, squares] = [66.5 / 3.0, 21.0f64.powi(2) + 22.0f64.powi(2) + 23.5f64.powi(2)];
+        let deviation = ((squares - 3.0 * mean * mean) / 2.0).sqrt();
+        assert!((spread.psnr_colour_db - deviation).abs() < 1e-9, "{spread:?}");
+        assert_eq!((spread.seeds, spread.ssim_grey), (3, 0.0));
+        // Means of the pictures: 20.33 and 24.
+        assert_eq!((net.all.wins, net.all.count), (2, 2));
+        assert_eq!(found[1].seed_of.as_deref(), Some("net"));
+        assert!(net.seed_of.is_none() && found[0].spread.is_none());
     }
 }

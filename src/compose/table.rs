@@ -4,6 +4,7 @@ use super::align::MAX_ALIGNED_SHIFT_PX;
 use super::bootstrap::Interval;
 use super::markdown::{escaped, markdown_table};
 use super::per_image::Row;
+use super::seeds::Spread;
 use super::summary::{ALL, INPUT, MethodSummary, Summary};
 use std::fmt::Write;
 
@@ -25,7 +26,9 @@ pub fn means_tables(
     veil: Option<&str>,
     protocol: Protocol,
 ) -> String {
-    let all: Vec<Line> = summaries.iter().map(|of| (of, &of.all)).collect();
+    // The means over seeds stand for the seeds.
+    let shown: Vec<&MethodSummary> = summaries.iter().filter(|of| of.seed_of.is_none()).collect();
+    let all: Vec<Line> = shown.iter().map(|of| (*of, &of.all)).collect();
     let mut text = tables(&all, veil, protocol);
     let mut shifted: Vec<&str> = Vec::new();
     for row in rows.iter().filter(|row| !row.is_aligned()) {
@@ -37,7 +40,7 @@ pub fn means_tables(
         return text;
     }
     let aligned: Vec<Line> =
-        summaries.iter().filter_map(|of| Some((of, of.aligned.as_ref()?))).collect();
+        shown.iter().filter_map(|of| Some((*of, of.aligned.as_ref()?))).collect();
     let _ = write!(
         text,
         "\nThese pairs have a shift of more than {MAX_ALIGNED_SHIFT_PX} px between picture and truth: {}. ",
@@ -105,10 +108,14 @@ fn scores_table(block: &[Line], veil: Option<&str>, protocol: Protocol) -> Strin
     let mut lines = vec![line("Method", "Images".to_owned(), head.map(str::to_owned), wins)];
     for (of, summary) in block {
         let scores = &summary.scores;
+        let spread = |value: fn(&Spread) -> f64, digits| {
+            let spread = of.spread.as_ref().map(value);
+            spread.map(|spread| format!(" ±{spread:.digits$}")).unwrap_or_default()
+        };
         let cells = [
-            format!("{:.2}", scores.psnr_colour_db),
-            format!("{:.2}", scores.psnr_own_factor_db),
-            format!("{:.4}", scores.ssim_grey),
+            format!("{:.2}{}", scores.psnr_colour_db, spread(|s| s.psnr_colour_db, 2)),
+            format!("{:.2}{}", scores.psnr_own_factor_db, spread(|s| s.psnr_own_factor_db, 2)),
+            format!("{:.4}{}", scores.ssim_grey, spread(|s| s.ssim_grey, 4)),
             format!("{:.2}", scores.psnr_channels_db),
             format!("{:.4}", scores.ssim_channels),
         ];
@@ -168,7 +175,7 @@ mod tests {
     }
 
     fn tabulated(rows: &[Row], veil: Option<&str>, protocol: Protocol) -> String {
-        let mut text = means_tables(&summaries(rows, veil), rows, veil, protocol);
+        let mut text = means_tables(&summaries(rows, veil, &[]), rows, veil, protocol);
         while text.contains("  ") || text.contains("--") {
             text = text.replace("  ", " ").replace("--", "-");
         }

@@ -1,7 +1,7 @@
 //! Planning: turns a recipe (distributions) into scene lines (`render::line`), one resolved scene per line.
 //!
 //! ```text
-//! recipe, source, param, focus, light, training   the TOML file      recipe_check, source_check, training_check, recipe_schema   its rules
+//! recipe, source, param, focus, light, train_recipe, training   the TOML file      recipe_check, source_check, training_check, recipe_schema   its rules
 //! diode, places, list                             list the photographs of a source
 //! split -> pair -> assign                         photographs to splits, pairs and scenes; substitutes for excluded ones
 //! draw, source_values, sections -> expand         random numbers, values of photographs; scene lines
@@ -42,6 +42,7 @@ mod source;
 mod source_check;
 mod source_values;
 mod split;
+mod train_recipe;
 mod training;
 mod training_check;
 
@@ -58,8 +59,11 @@ pub use recipe::{RECIPE_SCHEMA, Recipe};
 pub use recipe_error::RecipeError;
 pub use recipe_schema::recipe_schema;
 pub use request::{DraftError, Progress, Request};
+pub use train_recipe::{
+    SeededTraining, TrainRecipe, Trainings, check_training_name, name_without_seed,
+};
 pub use training::{
     ExampleKind, FREE, FeatureSource, NetworkKind, OptimizerKind, PixelSource, ScheduleKind, Stage,
-    Start, TrainRecipe, TrainSettings,
+    Start, TrainSettings,
 };
 pub use training_check::SettingError;

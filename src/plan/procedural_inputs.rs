@@ -27,6 +27,12 @@ impl ProceduralPhotograph {
         procedural::is_written(&inputs_folder(run, &self.root), &self.photograph)
     }
 
+    /// Returns the paths of colours, depths and mask in the folder of a run.
+    pub fn paths(&self, run: &Path) -> [PathBuf; 3] {
+        let folder = inputs_folder(run, &self.root);
+        self.photograph.paths().map(|path| folder.join(path))
+    }
+
     /// Estimates the total size of the three files.
     pub fn estimated_bytes(&self) -> u64 {
         let [width, height] = self.size.map(f64::from);
@@ -67,10 +73,7 @@ pub fn make_photographs(
         // If the system cannot start threads, the caller's pool does the work.
         Err(_) => make()?,
     }
-    let paths = missing.iter().flat_map(|made| {
-        let folder = inputs_folder(run, &made.root);
-        made.photograph.paths().into_iter().map(move |path| folder.join(path))
-    });
+    let paths = missing.iter().flat_map(|made| made.paths(run));
     Ok(atomic_file::sync_names(paths)?)
 }
 
@@ -85,10 +88,8 @@ impl<'a> SampleBytes<'a> {
     pub(super) fn new(run: &Path, all: &'a [ProceduralPhotograph]) -> Self {
         let (mut photographs, mut places) = (Vec::new(), BTreeMap::new());
         for one in all {
-            let (folder, photograph) = (inputs_folder(run, &one.root), &one.photograph);
-            let files = [photograph.color_path(), photograph.depth_path(), photograph.mask_path()];
-            for (kind, file) in files.iter().enumerate() {
-                places.insert(folder.join(file), (photographs.len(), kind));
+            for (kind, file) in one.paths(run).into_iter().enumerate() {
+                places.insert(file, (photographs.len(), kind));
             }
             photographs.push((one, OnceLock::new()));
         }

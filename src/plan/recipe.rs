@@ -6,7 +6,7 @@ use super::param::Param;
 use super::places::depth_root;
 use super::recipe_error::RecipeError;
 use super::source::{Layout, Source};
-use super::training::TrainRecipe;
+use super::train_recipe::Trainings;
 use render::line::{Apex, ExrPrecision, Film, Filter, LayerSet, ReflectionOrders, Roots, Split};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -53,7 +53,7 @@ pub struct Recipe {
     #[serde(rename = "split")]
     pub splits: Vec<SplitRecipe>,
     /// Training after rendering. Default none.
-    pub train: Option<TrainRecipe>,
+    pub train: Option<Trainings>,
 }
 
 fn default_seed() -> u64 {

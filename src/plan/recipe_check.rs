@@ -6,7 +6,8 @@ use super::places::depth_root;
 use super::recipe::{CameraRecipe, RECIPE_SCHEMA, Recipe};
 use super::recipe_error::RecipeError;
 use super::source::Layout;
-use super::training::{FeatureSource, NetworkKind, ScheduleKind, TrainRecipe};
+use super::train_recipe::TrainRecipe;
+use super::training::{FeatureSource, NetworkKind, ScheduleKind};
 use render::ids::SceneId;
 use render::line::{is_root_name, limits::limit_of};
 use std::collections::BTreeMap;
@@ -34,29 +35,37 @@ impl Recipe {
 
     /// Reports errors of `[train]` before any scene is traced.
     fn check_train(&self) -> Result<(), RecipeError> {
-        let Some(TrainRecipe { settings, backtrack_steps, separation_steps }) = &self.train else {
+        let Some(trainings) = &self.train else {
             return Ok(());
         };
+        trainings.check_names().or_else(|problem| bad("train", problem))?;
+        trainings.0.iter().try_for_each(|training| self.check_training(training))
+    }
+
+    fn check_training(&self, training: &TrainRecipe) -> Result<(), RecipeError> {
+        let TrainRecipe { name, settings, backtrack_steps, separation_steps, .. } = training;
+        let table = name.as_ref().map_or("train".to_owned(), |name| format!("train[{name}]"));
+        let key = |name: &str| format!("{table}.{name}");
         settings.validate().map_err(|e| RecipeError::Key {
-            key: format!("train.settings.{}", e.name),
+            key: key(&format!("settings.{}", e.name)),
             problem: format!("is {}, but must be {}", e.value, e.expected),
         })?;
         if settings.features == FeatureSource::File {
             return bad(
-                "train.settings.features",
-                "is \"file\", but a recipe cannot name the file: remove [train] and run `glasshouse train --features FILE`".to_owned(),
+                &key("settings.features"),
+                "is \"file\", but a recipe cannot name the file: remove [train] and run `glasshouse train --features FILE`",
             );
         }
         if settings.network == NetworkKind::Unet && *backtrack_steps > 0 {
             return bad(
-                "train.backtrack_steps",
+                &key("backtrack_steps"),
                 format!("is {backtrack_steps}, but a U-Net has no BT-net: set it to 0"),
             );
         }
         let last = settings.schedule_steps;
         if settings.schedule == ScheduleKind::Cosine && (1..*separation_steps).contains(&last) {
             return bad(
-                "train.settings.schedule_steps",
+                &key("settings.schedule_steps"),
                 format!(
                     "is {last}, but separation_steps is {separation_steps}: the rate is 0 after the cosine"
                 ),
@@ -64,17 +73,17 @@ impl Recipe {
         }
         if settings.real_share > 0.0 {
             return bad(
-                "train.settings.real_share",
-                "is above 0, but a recipe has no real pairs: remove [train] and run `glasshouse train --real DIR`".to_owned(),
+                &key("settings.real_share"),
+                "is above 0, but a recipe has no real pairs: remove [train] and run `glasshouse train --real DIR`",
             );
         }
-        for (key, side) in [("width", &self.film.width), ("height", &self.film.height)] {
+        for (side_key, side) in [("width", &self.film.width), ("height", &self.film.height)] {
             let (least, _) = side.bounds();
             if least < settings.crop_px as f64 {
                 return bad(
-                    "train.settings.crop_px",
+                    &key("settings.crop_px"),
                     format!(
-                        "is {}, but film.{key} can be {least}: set crop_px to {least} or less",
+                        "is {}, but film.{side_key} can be {least}: set crop_px to {least} or less",
                         settings.crop_px
                     ),
                 );

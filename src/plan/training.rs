@@ -128,19 +128,6 @@ pub enum Start {
     Residual,
 }
 
-/// `[train]`: training that `run` starts when all tuples are complete.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct TrainRecipe {
-    /// Number of steps of BT-net alone.
-    pub backtrack_steps: u64,
-    /// Number of steps of SP-net and BT-net together.
-    pub separation_steps: u64,
-    /// Settings of both stages. Most defaults are from the paper or from Zhang et al.
-    #[serde(default)]
-    pub settings: TrainSettings,
-}
-
 /// Settings of training. The first checkpoint fixes all of them except [`FREE`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -203,6 +190,8 @@ pub struct TrainSettings {
     pub discriminator_every: u64,
     /// True if SP-net also gets the gradients of the a priori loss, through BT-net.
     pub a_priori: bool,
+    /// Number of scenes of the split `train` to use, the first ones; 0 for all. Shows how many scenes are enough.
+    pub scenes: usize,
     /// Source of the examples.
     pub examples: ExampleKind,
     /// Distributions of composed examples and linear mixtures; the other kinds ignore them.
@@ -246,6 +235,7 @@ impl Default for TrainSettings {
             adversarial_weight: 0.01,
             discriminator_every: 2,
             a_priori: true,
+            scenes: 0,
             examples: ExampleKind::Rendered,
             composition: Composition::default(),
             pixels: PixelSource::Exr,

@@ -1,7 +1,7 @@
 //! Checkpoints: a folder per step with `model.safetensors`, `optimizer.safetensors` and `state.json`.
 
 use super::learner::Learner;
-use candle_core::{Device, Tensor};
+use candle_core::{DType, Device, Tensor};
 use compose::Baselines;
 use plan::{Stage, TrainSettings};
 use render::atomic_file::{self, WriteError};
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// Name of the schema of `state.json`.
 pub const CHECKPOINT_SCHEMA: &str = "glasshouse.checkpoint/1";
 
-const MODEL: &str = "model.safetensors";
+pub(super) const MODEL: &str = "model.safetensors";
 const OPTIMIZER: &str = "optimizer.safetensors";
 const STATE: &str = "state.json";
 
@@ -32,6 +32,9 @@ pub struct Origin {
     pub real_files_blake3: Option<String>,
     /// Step and model digest of the backtrack checkpoint that the separation stage started with.
     pub backtrack: Option<(u64, String)>,
+    /// Digest of the model whose weights the training started with, if any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from_blake3: Option<String>,
 }
 
 /// Settings that changed when a training resumed.
@@ -72,7 +75,7 @@ pub struct CheckpointState {
     pub history: Vec<Change>,
     pub origin: Origin,
     /// Factor and veil rule, fitted to the first examples of the separation stage; `None` in checkpoints of the first
-    /// version and of trainings that follow a farm.
+    /// version, before they resume, and of trainings that follow a farm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub baselines: Option<Baselines>,
     /// Instruction set of matrix products, which affects the last bits.
@@ -157,9 +160,15 @@ pub fn code_path() -> &'static str {
     "baseline"
 }
 
-/// Returns the folder of a stage's checkpoints in a run's folder.
-pub fn stage_folder(run: &Path, stage: Stage) -> PathBuf {
-    run.join("train").join(stage.name())
+/// Returns the folder of a training in a run's folder: `train`, or `train/NAME` with a name.
+pub fn training_folder(run: &Path, name: Option<&str>) -> PathBuf {
+    let all = run.join("train");
+    name.map_or(all.clone(), |name| all.join(name))
+}
+
+/// Returns the folder of a stage's checkpoints in the folder of a training.
+pub fn stage_folder(training: &Path, stage: Stage) -> PathBuf {
+    training.join(stage.name())
 }
 
 /// Returns the folder of a step's checkpoint.
@@ -227,42 +236,38 @@ fn not_finite<'a>(
     Ok(None)
 }
 
-fn digest(bytes: &[u8]) -> String {
+pub(super) fn digest(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex().to_string()
 }
 
 impl Checkpoint {
+    /// Returns the digest of the model's file.
+    pub(super) fn model_blake3(&self) -> Option<String> {
+        self.state.files.get(MODEL).cloned()
+    }
+
     /// Reads a checkpoint, and verifies the digests of its files and that every value is finite.
     pub fn read(path: &Path, device: &Device) -> Result<Self, CheckpointError> {
         let damaged = |reason: String| CheckpointError::Damaged { path: path.to_owned(), reason };
         let file = |name: &str| {
             render::input_file::read(&path.join(name)).map_err(|e| damaged(format!("{name}: {e}")))
         };
-        let state: CheckpointState =
-            serde_json::from_slice(&file(STATE)?).map_err(|e| damaged(format!("{STATE}: {e}")))?;
-        if state.schema != CHECKPOINT_SCHEMA {
-            let schema = &state.schema;
-            return Err(damaged(format!(
-                "its schema is {schema:?}, but this program reads {CHECKPOINT_SCHEMA:?}"
-            )));
-        }
-        state.check(path).map_err(|reason| damaged(format!("{STATE}: {reason}")))?;
-        let tensors = |name: &str| {
-            let bytes = file(name)?;
-            if state.files.get(name) != Some(&digest(&bytes)) {
-                return Err(damaged(format!("{name} does not match its digest")));
-            }
-            let tensors = candle_core::safetensors::load_buffer(&bytes, device)
-                .map_err(|e| damaged(format!("{name}: {e}")))?;
-            let reason = not_finite(&tensors).map_err(|e| damaged(format!("{name}: {e}")))?;
-            reason.map_or(Ok(tensors), |reason| Err(damaged(format!("{name}: {reason}"))))
-        };
-        Ok(Self {
-            path: path.to_owned(),
-            model: tensors(MODEL)?,
-            moments: tensors(OPTIMIZER)?,
-            state,
-        })
+        let (state, model) = read_model(path, &file(STATE)?, &file(MODEL)?, device)?;
+        let moments =
+            read_tensors(&state, OPTIMIZER, &file(OPTIMIZER)?, device).map_err(damaged)?;
+        Ok(Self { path: path.to_owned(), model, moments, state })
+    }
+
+    /// Reads the bytes of a state and a model, without the optimiser, and verifies them like [`Self::read`]. `path` names
+    /// them in errors.
+    pub(super) fn of_model(
+        path: &Path,
+        state: &[u8],
+        model: &[u8],
+        device: &Device,
+    ) -> Result<Self, CheckpointError> {
+        let (state, model) = read_model(path, state, model, device)?;
+        Ok(Self { path: path.to_owned(), model, moments: HashMap::new(), state })
     }
 
     /// Reads the newest usable checkpoint of a stage; also returns the errors of newer checkpoints.
@@ -280,6 +285,50 @@ impl Checkpoint {
         }
         Ok((None, refused))
     }
+}
+
+/// Reads and verifies a state and its model.
+fn read_model(
+    path: &Path,
+    state: &[u8],
+    model: &[u8],
+    device: &Device,
+) -> Result<(CheckpointState, HashMap<String, Tensor>), CheckpointError> {
+    let damaged = |reason: String| CheckpointError::Damaged { path: path.to_owned(), reason };
+    let state: CheckpointState =
+        serde_json::from_slice(state).map_err(|e| damaged(format!("{STATE}: {e}")))?;
+    if state.schema != CHECKPOINT_SCHEMA {
+        let schema = &state.schema;
+        return Err(damaged(format!(
+            "its schema is {schema:?}, but this program reads {CHECKPOINT_SCHEMA:?}"
+        )));
+    }
+    state.check(path).map_err(|reason| damaged(format!("{STATE}: {reason}")))?;
+    let model = read_tensors(&state, MODEL, model, device).map_err(damaged)?;
+    Ok((state, model))
+}
+
+/// Reads the tensors of a file; half floats become single floats. Returns the reason if the digest differs or if a value
+/// is not finite.
+fn read_tensors(
+    state: &CheckpointState,
+    name: &str,
+    bytes: &[u8],
+    device: &Device,
+) -> Result<HashMap<String, Tensor>, String> {
+    if state.files.get(name) != Some(&digest(bytes)) {
+        return Err(format!("{name} does not match its digest"));
+    }
+    let read = || -> candle_core::Result<_> {
+        let tensors = candle_core::safetensors::load_buffer(bytes, device)?;
+        let single = |(name, tensor): (String, Tensor)| Ok((name, tensor.to_dtype(DType::F32)?));
+        let tensors = tensors.into_iter().map(single);
+        let tensors: HashMap<String, Tensor> = tensors.collect::<candle_core::Result<_>>()?;
+        let reason = not_finite(&tensors)?;
+        Ok((tensors, reason))
+    };
+    let (tensors, reason) = read().map_err(|e| format!("{name}: {e}"))?;
+    reason.map_or(Ok(tensors), |reason| Err(format!("{name}: {reason}")))
 }
 
 /// Returns the steps of the checkpoints in a stage's folder, in ascending order; none if the folder does not exist.

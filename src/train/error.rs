@@ -21,15 +21,22 @@ pub enum TrainError {
     #[error("cannot lock {}: {source}", path.display())]
     Lock { path: PathBuf, source: std::io::Error },
     #[error(
-        "the separation stage begins with a BT-net, and {run} has none: train it first with `glasshouse train {run} --stage backtrack --steps S`, or omit the a priori loss with --no-a-priori",
-        run = run.display()
+        "the separation stage begins with a BT-net, and {} has none: train it first with `glasshouse train {run} --stage backtrack --steps S`, or omit the a priori loss with --no-a-priori",
+        folder.display()
     )]
-    NoBacktrack { run: PathBuf },
+    NoBacktrack {
+        /// Folder of the training.
+        folder: PathBuf,
+        /// Run and name on the command line.
+        run: String,
+    },
     #[error(
-        "a U-Net has no BT-net, so it has no backtrack stage: train it with `glasshouse train {run} --stage separation --network unet --steps S`",
-        run = run.display()
+        "a U-Net has no BT-net, so it has no backtrack stage: train it with `glasshouse train {run} --stage separation --network unet --steps S`"
     )]
-    NoBacktrackStage { run: PathBuf },
+    NoBacktrackStage {
+        /// Run and name on the command line.
+        run: String,
+    },
     #[error(
         "the cosine of the learning rate ends at step {end}, before step {steps}: train to step {end}, or continue with --schedule-steps {steps} (the rate then rises again, to the larger cosine) or another --schedule"
     )]
@@ -37,7 +44,7 @@ pub enum TrainError {
     #[error(transparent)]
     Setting(#[from] SettingError),
     #[error(
-        "the settings differ from those of {}:\n  {}\nomit them, or undo the change of the recipe's [train], to resume that training; or train in a new run",
+        "the settings differ from those of {}:\n  {}\nomit them, or undo the change of the recipe's [train], to resume that training; or begin another one with --name NAME",
         checkpoint.display(),
         differences.join("\n  ")
     )]
@@ -49,14 +56,18 @@ pub enum TrainError {
     #[error("a share of {share} of the steps needs real pairs: name their folder with --real")]
     NoRealPairs { share: f64 },
     #[error(
-        "{changed} are not those that {} was trained with; use the same, or train in a new run",
+        "{changed} are not those that {} was trained with; use the same, or begin another training with --name NAME",
         checkpoint.display()
     )]
     OtherOrigin {
-        /// The changed input: train scenes, real pairs or VGG-19's weights.
+        /// The changed input: train scenes, real pairs, VGG-19's weights or first weights.
         changed: &'static str,
         checkpoint: PathBuf,
     },
+    #[error("the weights of {} do not fit the networks: {source}", path.display())]
+    From { path: PathBuf, source: candle_core::Error },
+    #[error("{} holds no pair that can be read: give a folder of pairs for --select", folder.display())]
+    NothingToSelect { folder: PathBuf },
     #[error(transparent)]
     Features(#[from] FeaturesError),
     #[error(transparent)]

@@ -3,7 +3,7 @@
 use super::checkpoint::CheckpointState;
 use super::picture::rgb_grid;
 use compose::{
-    Factor, INPUT, LeftOut, MethodSummary, Protocol, Row, Rules, Scored, means_tables,
+    Factor, INPUT, LeftOut, MethodSummary, Protocol, Row, Rules, Scored, SeedGroup, means_tables,
     per_image_csv, summaries,
 };
 use image::RgbImage;
@@ -80,6 +80,8 @@ pub struct Conditions {
     #[serde(rename = "checkpoints")]
     pub networks: Vec<ScoredNetwork>,
     pub outputs: Vec<ScoredOutputs>,
+    /// Networks that differ in their seed alone, with the row of their means.
+    pub seeds: Vec<SeedGroup>,
     #[serde(skip)]
     pub protocol: Protocol,
 }
@@ -126,11 +128,12 @@ impl Evaluation {
     pub fn new(conditions: Conditions, scored: Scored, left_out: Vec<LeftOut>) -> Self {
         let Scored { rows, kept, columns, group_factors, .. } = scored;
         let veil = conditions.baselines.veil.map(compose::VeilRule::row_name);
+        let summaries = summaries(&rows, veil.as_deref(), &conditions.seeds);
         Self {
             conditions,
             images: rows.iter().filter(|row| row.method == INPUT).count(),
             bits: 8,
-            summaries: summaries(&rows, veil.as_deref()),
+            summaries,
             group_factors: group_factors.into_iter().collect(),
             columns,
             left_out,

@@ -1,7 +1,7 @@
 //! Notes below the tables of an evaluation: what its rows and columns mean.
 
 use super::evaluation::{Evaluation, counted};
-use compose::{ALL, INPUT, Rules};
+use compose::{ALL, INPUT, Rules, SeedGroup};
 use std::fmt::Write;
 
 impl Evaluation {
@@ -26,6 +26,13 @@ impl Evaluation {
         );
         for network in &conditions.networks {
             let _ = writeln!(notes, "{}: {}.", network.method, network.path.display());
+        }
+        for SeedGroup { method, members } in &conditions.seeds {
+            let _ = writeln!(
+                notes,
+                "{method}: means of {}; ± standard deviation over seeds; wins of each picture's mean.",
+                members.join(", ")
+            );
         }
         for outputs in &conditions.outputs {
             let _ = writeln!(notes, "{}: pictures of {}.", outputs.method, outputs.path.display());

@@ -24,7 +24,9 @@ pub mod ops;
 
 mod adam;
 mod batch;
+mod check_images;
 mod checkpoint;
+mod checks;
 mod composing;
 mod discriminator;
 mod error;
@@ -52,6 +54,7 @@ mod scoring;
 mod separation_net;
 mod separator;
 mod session;
+mod shipped;
 mod source;
 mod srgb_planes;
 mod tiles;
@@ -73,8 +76,10 @@ pub use adam::{Adam, AdamOptions, Averages, Moments};
 pub use batch::Batch;
 pub use checkpoint::{
     CHECKPOINT_SCHEMA, Change, Checkpoint, CheckpointError, CheckpointState, Origin, Past,
-    checkpoint_folder, clear, code_path, prune, stage_folder, steps, write_checkpoint,
+    checkpoint_folder, clear, code_path, prune, stage_folder, steps, training_folder,
+    write_checkpoint,
 };
+pub use checks::ChosenOn;
 pub use compose::Cut;
 pub use discriminator::Discriminator;
 pub use error::TrainError;
@@ -94,7 +99,8 @@ pub use run::{Pace, TrainSummary, Training, run};
 pub use scoring::Tiled;
 pub use separation_net::{Separated, SeparationNet};
 pub use separator::{Separation, Separator, SeparatorError};
-pub use session::{Best, ChosenOn, Schedule, Session, Trained, Watcher};
+pub use session::{Best, Schedule, Session, Trained, Watcher};
+pub use shipped::SHIPPED;
 pub use source::{
     Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleFilesError, TupleSource,
 };
@@ -105,6 +111,8 @@ pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
 pub use vgg_file::{Features, FeaturesError};
 pub use work_size::WorkSize;
 
+#[cfg(test)]
+mod naming_tests;
 #[cfg(test)]
 mod run_tests;
 #[cfg(test)]

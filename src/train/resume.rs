@@ -26,6 +26,8 @@ pub(super) struct Beginning {
     pub(super) own: Option<Checkpoint>,
     /// The newest usable checkpoint of the backtrack stage, if the separation stage has none yet.
     before: Option<Checkpoint>,
+    /// The checkpoint whose weights a new training takes.
+    from: Option<Checkpoint>,
 }
 
 /// Locks a stage's folder until the returned lock is dropped.
@@ -39,15 +41,15 @@ pub(super) fn lock(folder: &Path) -> Result<FolderLock, TrainError> {
 }
 
 impl Beginning {
-    /// Finds the checkpoints and warns of damaged checkpoints.
+    /// Finds the checkpoints in a training's folder and warns of damaged checkpoints.
     pub(super) fn find(
-        run: &Path,
+        training: &Path,
         stage: Stage,
         device: &Device,
         watcher: &mut dyn Watcher,
     ) -> Result<Self, TrainError> {
         let mut newest = |stage| {
-            let folder = stage_folder(run, stage);
+            let folder = stage_folder(training, stage);
             let (checkpoint, refused) = Checkpoint::newest(&folder, device)
                 .map_err(|source| TrainError::Read { path: folder, source })?;
             for error in refused {
@@ -64,7 +66,18 @@ impl Beginning {
             Stage::Separation if own.is_none() => newest(Stage::Backtrack)?,
             _ => None,
         };
-        Ok(Self { own, before })
+        Ok(Self { own, before, from: None })
+    }
+
+    /// Takes the weights to start with. A training that has steps keeps its own, which must have started with the same.
+    pub(super) fn start_from(&mut self, from: Option<Checkpoint>) -> Result<(), TrainError> {
+        if let (Some(own), Some(from)) = (&self.own, &from)
+            && own.state.origin.from_blake3 != from.model_blake3()
+        {
+            return Err(other_origin("the weights to start from", own));
+        }
+        self.from = from.filter(|_| self.own.is_none());
+        Ok(())
     }
 
     pub(super) fn step(&self) -> u64 {
@@ -77,14 +90,14 @@ impl Beginning {
         let of = |frozen: Option<&Checkpoint>| {
             (training.settings)(frozen.map(|frozen| &frozen.state.settings))
         };
-        let mut settings = of(self.own.as_ref().or(self.before.as_ref()));
+        let mut settings = of(self.own.as_ref().or(self.from.as_ref()).or(self.before.as_ref()));
         if settings.network == NetworkKind::Unet {
             if training.stage == Stage::Backtrack {
-                return Err(TrainError::NoBacktrackStage { run: training.run.clone() });
+                return Err(TrainError::NoBacktrackStage { run: training.typed() });
             }
             // A U-Net begins without BT-net.
             if self.before.take().is_some() {
-                settings = of(None);
+                settings = of(self.from.as_ref());
             }
         }
         settings.validate()?;
@@ -110,8 +123,17 @@ impl Beginning {
             if !differences.is_empty() {
                 return Err(TrainError::Frozen { checkpoint: frozen.path.clone(), differences });
             }
+        } else if let Some(from) = &self.from {
+            let mut differences = from.state.settings.differences(&settings);
+            differences.retain(|line| OF_NETWORKS.contains(&name_in(line)));
+            if !differences.is_empty() {
+                return Err(TrainError::Frozen { checkpoint: from.path.clone(), differences });
+            }
         } else if training.stage == Stage::Separation && settings.a_priori {
-            return Err(TrainError::NoBacktrack { run: training.run.clone() });
+            return Err(TrainError::NoBacktrack {
+                folder: training.folder(),
+                run: training.typed(),
+            });
         }
         if settings.real_share > 0.0 && training.pairs.is_none() {
             return Err(TrainError::NoRealPairs { share: settings.real_share });
@@ -154,6 +176,10 @@ impl Beginning {
             real_blake3: None,
             real_files_blake3: digest_of_pairs(pairs)?,
             backtrack,
+            from_blake3: match &self.own {
+                Some(own) => own.state.origin.from_blake3.clone(),
+                None => self.from.as_ref().and_then(Checkpoint::model_blake3),
+            },
         };
         if let Some(own) = &self.own {
             check_origin(own, &origin, pairs)?;
@@ -174,19 +200,19 @@ impl Beginning {
         }
     }
 
-    /// Returns the baselines of the training, or fits those of a new one to its first examples.
+    /// Returns the baselines of the training. Fits them to its first examples if it is new or of the first version.
     pub(super) fn baselines(
         &self,
         stage: Stage,
         settings: &TrainSettings,
         sampler: &ExampleSampler,
     ) -> Option<Baselines> {
-        match &self.own {
-            Some(own) => own.state.baselines.clone(),
+        let fitted = self.own.as_ref().and_then(|own| own.state.baselines.clone());
+        if fitted.is_some() || stage == Stage::Backtrack || settings.follow {
             // With `follow`, examples may be hours away.
-            None if stage == Stage::Backtrack || settings.follow => None,
-            None => baselines(sampler, settings.batch),
+            return fitted;
         }
+        baselines(sampler, settings.batch)
     }
 
     /// Creates new networks and loads BT-net if needed. [`super::Session`] restores the stage's own checkpoint.
@@ -200,6 +226,16 @@ impl Beginning {
         let mut learner = Learner::new(stage, settings, vgg, device)?;
         if let Some(before) = &self.before {
             learner.set_model(&before.model, "backtrack.")?;
+        }
+        if let Some(from) = &self.from {
+            let failed = |source| TrainError::From { path: from.path.clone(), source };
+            let has = |network: &str| from.model.keys().any(|name| name.starts_with(network));
+            // Weights without a discriminator, or of the backtrack stage alone, leave the other networks new.
+            for network in ["separation.", "backtrack.", "discriminator."] {
+                if has(network) {
+                    learner.set_model(&from.model, network).map_err(failed)?;
+                }
+            }
         }
         Ok(learner)
     }
@@ -238,7 +274,7 @@ fn other_origin(changed: &'static str, checkpoint: &Checkpoint) -> TrainError {
 }
 
 /// Digests the names and files of real pairs; returns `None` without pairs.
-fn digest_of_pairs(pairs: &[Pair]) -> Result<Option<String>, TrainError> {
+pub(super) fn digest_of_pairs(pairs: &[Pair]) -> Result<Option<String>, TrainError> {
     let digest = |pair: &Pair| -> Result<String, TrainError> {
         let mut text = pair.name.clone();
         let layers = [Some(&pair.blended), Some(&pair.transmission)];

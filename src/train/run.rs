@@ -1,13 +1,15 @@
 //! The training of one stage in a run's folder, resumed from its checkpoints.
 
-use super::checkpoint::{Past, clear, code_path, prune, stage_folder, steps};
+use super::checkpoint::{
+    Checkpoint, Past, clear, code_path, prune, stage_folder, steps, training_folder,
+};
+use super::checks::{Checks, ChosenOn};
 use super::error::TrainError;
-use super::example::Example;
 use super::example_sampler::{ExampleSampler, SceneSource};
 use super::loader::Loader;
 use super::resume::{Beginning, lock};
-use super::session::{Best, Checks, MOST_SHOWN, Schedule, Session, Trained, Watcher};
-use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleSource};
+use super::session::{Best, Schedule, Session, Trained, Watcher};
+use super::source::{PairSource, PhotographSource, TupleFiles, TupleSource};
 use super::vgg_file::Features;
 use candle_core::Device;
 use compose::Pair;
@@ -27,8 +29,10 @@ const CHECKPOINT_EVERY: [u64; 2] = [10, 1000];
 
 /// One stage's training: networks, data and schedule.
 pub struct Training<'a> {
-    /// Folder of the run; checkpoints go to `train/STAGE` in it.
+    /// Folder of the run.
     pub run: PathBuf,
+    /// Name of the training; checkpoints go to `train/NAME/STAGE` in the run, or to `train/STAGE` without a name.
+    pub name: Option<String>,
     pub stage: Stage,
     /// Total number of steps, including those of earlier calls.
     pub steps: u64,
@@ -40,6 +44,10 @@ pub struct Training<'a> {
     pub inputs: Box<dyn InputFiles + Send + Sync>,
     /// Real pairs; `None` if no folder was given.
     pub pairs: Option<Vec<Pair>>,
+    /// Checkpoint whose weights a new training takes.
+    pub from: Option<Checkpoint>,
+    /// Real pairs that choose the best checkpoint, in place of the split `validation`, and their folder.
+    pub select: Option<(PathBuf, Vec<Pair>)>,
     /// Function that returns the settings, given those of a checkpoint, if any.
     pub settings: &'a dyn Fn(Option<&TrainSettings>) -> TrainSettings,
     /// File of VGG-19's weights, if the settings need one.
@@ -49,7 +57,7 @@ pub struct Training<'a> {
     pub checkpoint_every: Option<u64>,
     /// Number of newest checkpoints to keep; the best is also kept.
     pub keep: usize,
-    /// Largest number of validation scenes. Without any, every checkpoint counts the same and none is the best.
+    /// Largest number of validation scenes or of pairs of `select`. Without any, every checkpoint counts the same and none is the best.
     pub validate: usize,
     /// Number of steps between grids of pictures; 0 for no grids, `None` for a grid per checkpoint.
     pub pictures_every: Option<u64>,
@@ -64,6 +72,7 @@ pub struct Training<'a> {
 pub struct TrainSummary {
     #[serde(serialize_with = "render::path_text::one")]
     pub run: PathBuf,
+    pub name: Option<String>,
     pub stage: &'static str,
     pub dry_run: bool,
     /// Number of steps of earlier calls.
@@ -115,20 +124,37 @@ impl fmt::Display for TrainSummary {
     }
 }
 
+impl Training<'_> {
+    /// Returns the folder of the training.
+    pub(super) fn folder(&self) -> PathBuf {
+        training_folder(&self.run, self.name.as_deref())
+    }
+
+    /// Returns run and name as on the command line.
+    pub(super) fn typed(&self) -> String {
+        let run = self.run.display();
+        self.name.as_ref().map_or_else(|| run.to_string(), |name| format!("{run} --name {name}"))
+    }
+}
+
 /// Trains up to `training.steps` total steps or until `stop` is set. Resumes from the newest checkpoint of the stage;
 /// the separation stage starts with the newest BT-net.
 pub fn run(
-    training: Training<'_>,
+    mut training: Training<'_>,
     watcher: &mut dyn Watcher,
     stop: &AtomicBool,
 ) -> Result<TrainSummary, TrainError> {
     let stage = training.stage;
-    let folder = stage_folder(&training.run, stage);
+    let folder = stage_folder(&training.folder(), stage);
     let lock = if training.dry_run { None } else { Some(lock(&folder)?) };
-    let mut beginning = Beginning::find(&training.run, stage, &training.device, watcher)?;
+    let mut beginning = Beginning::find(&training.folder(), stage, &training.device, watcher)?;
+    beginning.start_from(training.from.take())?;
     let settings = beginning.settings(&training)?;
     let features = load_features(&training, &settings, watcher)?;
-    let lines = of_split(training.scenes, Split::Train);
+    let mut lines = of_split(training.scenes, Split::Train);
+    if settings.scenes > 0 {
+        lines.truncate(settings.scenes);
+    }
     let pairs = training.pairs.clone().unwrap_or_default();
     let origin = beginning.origin(&lines, &pairs, features.blake3, watcher)?;
     if settings.examples.needs_tuples() {
@@ -137,6 +163,7 @@ pub fn run(
     let learner = beginning.learner(stage, &settings, features.vgg, &training.device)?;
     let mut summary = TrainSummary {
         run: training.run.clone(),
+        name: training.name.clone(),
         stage: stage.name(),
         dry_run: training.dry_run,
         from_step: beginning.step(),
@@ -153,10 +180,14 @@ pub fn run(
         return Ok(summary);
     }
     clear(&folder).map_err(|source| WriteError { path: folder.clone(), source })?;
+    let chosen_on = ChosenOn::of(&training)?;
     if let Some(own) = &beginning.own {
-        // The process that wrote the checkpoint may have ended before it updated `best.json`.
-        if training.scenes.iter().any(|line| line.split == Split::Validation) {
-            Best::note(&folder, own.state.step, own.state.validation_psnr_db)?;
+        // The process that wrote the checkpoint may have ended before it updated `best.json`. Scores on other images than
+        // those of `best.json` are not comparable.
+        let before = Best::read(&folder)?.map(|best| best.chosen_on);
+        let same = before.is_none_or(|before| Some(before) == chosen_on);
+        if let Some(chosen_on) = chosen_on.filter(|_| same) {
+            Best::note(&folder, own.state.step, own.state.validation_psnr_db, chosen_on)?;
         }
         // Nor removed old checkpoints. If newer ones are damaged, the old ones stay.
         let newest =
@@ -179,12 +210,7 @@ pub fn run(
         });
         return Ok(summary);
     }
-    let validation = validation(&training, &settings)?;
-    let shown = if validation.is_empty() {
-        first_examples(&training, &settings, Split::Train, MOST_SHOWN)?
-    } else {
-        Vec::new()
-    };
+    let checks = Checks::of(&training, &settings, watcher)?;
     let schedule = schedule(&training);
     let steps = beginning.step()..schedule.until;
     let (stop_sender, stopped) = bounded(0);
@@ -194,7 +220,6 @@ pub fn run(
     let baselines = beginning.baselines(stage, &settings, &sampler);
     let past = Past { origin, history: beginning.history(&settings), baselines };
     let own = beginning.own.as_ref();
-    let checks = Checks { validation, shown };
     let mut session = Session::new(&folder, learner, settings.clone(), past, checks, own)?;
     // As many readers as compute threads: their examples are due together, and a reader that is ahead waits.
     let readers = rayon::current_num_threads();
@@ -227,7 +252,7 @@ fn load_features(
     Ok(features)
 }
 
-fn of_split(scenes: &[SceneLine], split: Split) -> Vec<SceneLine> {
+pub(super) fn of_split(scenes: &[SceneLine], split: Split) -> Vec<SceneLine> {
     let lines = scenes.iter().filter(|line| line.split == split);
     lines.cloned().collect()
 }
@@ -266,35 +291,6 @@ fn schedule(training: &Training) -> Schedule {
         keep: training.keep,
         pictures_every: training.pictures_every.unwrap_or(checkpoint_every),
     }
-}
-
-/// Reads whole images of the first `training.validate` scenes of the split `validation` that have a tuple.
-fn validation(training: &Training, settings: &TrainSettings) -> Result<Vec<Example>, ExampleError> {
-    first_examples(training, settings, Split::Validation, training.validate)
-}
-
-/// Reads whole images of the first `most` scenes of a split that have a tuple.
-fn first_examples(
-    training: &Training,
-    settings: &TrainSettings,
-    split: Split,
-    most: usize,
-) -> Result<Vec<Example>, ExampleError> {
-    let source = TupleSource {
-        files: Arc::clone(&training.tuples),
-        lines: of_split(training.scenes, split),
-        pixels: settings.pixels,
-    };
-    let mut examples = Vec::new();
-    for index in 0..source.lines.len() {
-        if examples.len() >= most {
-            break;
-        }
-        if let Some(Base::Example(example)) = source.read(index)? {
-            examples.push(example);
-        }
-    }
-    Ok(examples)
 }
 
 fn scene_source(

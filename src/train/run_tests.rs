@@ -97,6 +97,7 @@ pub(super) fn training<'a>(
 ) -> Training<'a> {
     Training {
         run: run.to_owned(),
+        name: None,
         stage,
         steps,
         scenes: &[],
@@ -104,6 +105,8 @@ pub(super) fn training<'a>(
         roots: render::line::Roots::default(),
         inputs: Box::new(plan::LocalFiles),
         pairs: Some(pairs.to_vec()),
+        from: None,
+        select: None,
         settings,
         features: None,
         device: Device::Cpu,
@@ -117,7 +120,7 @@ pub(super) fn training<'a>(
 }
 
 fn model(run: &Path, step: u64) -> Vec<u8> {
-    let folder = checkpoint_folder(&stage_folder(run, Stage::Backtrack), step);
+    let folder = checkpoint_folder(&stage_folder(&run.join("train"), Stage::Backtrack), step);
     std::fs::read(folder.join("model.safetensors")).unwrap()
 }
 
@@ -168,7 +171,7 @@ fn a_lying_state_is_refused_and_the_checkpoint_before_it_is_used() {
         run(training, watcher, &AtomicBool::new(false)).unwrap()
     };
     go(4, &mut ());
-    let stage = stage_folder(folder, Stage::Backtrack);
+    let stage = stage_folder(&folder.join("train"), Stage::Backtrack);
     let path = checkpoint_folder(&stage, 4);
     let state = std::fs::read_to_string(path.join("state.json")).unwrap();
     for (key, from, to, words) in [
@@ -208,7 +211,7 @@ fn impossible_training_is_refused_with_a_reason() {
     // A dry run writes no checkpoint.
     let dry = run(Training { dry_run: true, ..backtrack(2) }, &mut (), &stop).unwrap();
     assert_eq!(dry.to_string(), "would train; nothing is written");
-    assert!(steps(&stage_folder(folder, Stage::Backtrack)).unwrap().is_empty());
+    assert!(steps(&stage_folder(&folder.join("train"), Stage::Backtrack)).unwrap().is_empty());
 
     run(backtrack(2), &mut (), &stop).unwrap();
     let wider = |_: Option<&TrainSettings>| TrainSettings { width: 8, ..small() };
@@ -220,7 +223,8 @@ fn impossible_training_is_refused_with_a_reason() {
     let fewer = Some(pairs[..2].to_vec());
     let error = refused(Training { pairs: fewer, ..backtrack(4) });
     assert!(error.to_string().starts_with("the real pairs are not those"), "{error}");
-    let _lock = super::resume::lock(&stage_folder(folder, Stage::Backtrack)).unwrap();
+    let _lock =
+        super::resume::lock(&stage_folder(&folder.join("train"), Stage::Backtrack)).unwrap();
     let error = refused(backtrack(4));
     assert!(matches!(error, TrainError::Busy { .. }), "{error}");
 }

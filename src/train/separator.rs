@@ -180,6 +180,7 @@ mod tests {
             scenes_blake3: String::new(),
             real_blake3: None,
             real_files_blake3: None,
+            from_blake3: None,
             backtrack: None,
         };
         let past = Past { origin, history: Vec::new(), baselines: None };

@@ -4,6 +4,7 @@ use super::batch::Batch;
 use super::checkpoint::{
     Checkpoint, CheckpointError, CheckpointState, Past, prune, write_checkpoint,
 };
+use super::checks::{Checks, ChosenOn, MOST_SHOWN};
 use super::error::TrainError;
 use super::example::Example;
 use super::learner::{Learner, StepLosses};
@@ -19,9 +20,6 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
-
-/// Largest number of rows of a grid of pictures.
-pub(super) const MOST_SHOWN: usize = 4;
 
 /// The last step, and the settings of checkpoints and pictures, which do not change the weights.
 #[derive(Clone, Copy, Debug)]
@@ -79,7 +77,7 @@ pub struct Trained {
 }
 
 /// Contents of `best.json`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Best {
     /// Step of the checkpoint.
@@ -87,15 +85,6 @@ pub struct Best {
     /// Mean PSNR of the validation pictures, dB.
     pub validation_psnr_db: f64,
     pub chosen_on: ChosenOn,
-}
-
-/// Pictures that choose the best checkpoint. Files of the first version lack this field and are ignored, because that
-/// version chose on the split `test`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ChosenOn {
-    /// Scenes of the split `validation`.
-    Validation,
 }
 
 impl Best {
@@ -108,36 +97,23 @@ impl Best {
         }
     }
 
-    /// Updates `best.json` if the checkpoint of `step`, with this PSNR of the validation pictures, is better.
+    /// Updates `best.json` if the checkpoint of `step`, with this PSNR of the validation pictures, is better, or if the best
+    /// one was chosen on other pictures.
     pub(super) fn note(
         stage_folder: &Path,
         step: u64,
         psnr_db: Option<f64>,
+        chosen_on: ChosenOn,
     ) -> Result<(), TrainError> {
-        let best = Self::read(stage_folder)?.map(|best| best.validation_psnr_db);
+        let best = Self::read(stage_folder)?.filter(|best| best.chosen_on == chosen_on);
+        let best = best.map(|best| best.validation_psnr_db);
         let Some(validation_psnr_db) = psnr_db.filter(|db| best.is_none_or(|best| best < *db))
         else {
             return Ok(());
         };
-        let chosen_on = ChosenOn::Validation;
         let json = serde_json::to_vec(&Self { step, validation_psnr_db, chosen_on });
         let json = json.map_err(candle_core::Error::wrap)?;
         Ok(atomic_file::write(&stage_folder.join("best.json"), &json)?)
-    }
-}
-
-/// Whole images on which a session shows and measures its networks.
-pub struct Checks {
-    /// Images whose mean PSNR chooses the best checkpoint.
-    pub validation: Vec<Example>,
-    /// Training images for the grids of pictures; empty if there are validation images.
-    pub shown: Vec<Example>,
-}
-
-impl Checks {
-    /// Returns the name of the grids in the events.
-    fn tag(&self) -> &'static str {
-        if self.validation.is_empty() { "training" } else { "validation" }
     }
 }
 
@@ -320,7 +296,9 @@ impl Session {
             &self.past,
             psnr,
         )?;
-        Best::note(&self.folder, self.step, psnr)?;
+        if let Some(chosen_on) = self.checks.chosen_on.clone() {
+            Best::note(&self.folder, self.step, psnr, chosen_on)?;
+        }
         let best = Best::read(&self.folder)?.map(|best| best.step);
         prune(&self.folder, schedule.keep, best)
             .map_err(|source| WriteError { path: self.folder.clone(), source })?;

@@ -44,7 +44,7 @@ fn train(
 }
 
 fn path(folder: &Path, step: u64) -> std::path::PathBuf {
-    checkpoint_folder(&stage_folder(folder, Stage::Separation), step)
+    checkpoint_folder(&stage_folder(&folder.join("train"), Stage::Separation), step)
 }
 
 fn files(folder: &Path, step: u64) -> [Vec<u8>; 3] {

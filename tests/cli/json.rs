@@ -85,7 +85,7 @@ fn errors_are_json_objects() {
         #[cfg(feature = "train")]
         (&["separate", "a.png", "--network", nowhere, "--out", nowhere], 4),
         #[cfg(feature = "train")]
-        (&["separate", nowhere, "--out", nowhere], 2),
+        (&["separate", "--out", nowhere], 2),
         (&["render", nowhere, "--out", nowhere], 4),
         (&["render", nowhere, "--out", nowhere, "--spp", "3"], 2),
         (&["sample", nowhere], 2),

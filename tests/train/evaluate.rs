@@ -343,8 +343,10 @@ fn published_pairs_are_scored() {
     let arguments = ["evaluate", text(&root), "--out", text(folder.path()), "--json"];
     let json = run(&arguments).expect(0).json();
     assert_eq!((&json["images"], &json["rows"][0]["count"]), (&37.into(), &37.into()));
-    // All pictures and six groups, by the input and two oracles.
-    assert_eq!(methods(&json).len(), 6 * 3);
+    // All pictures and six groups, by the input, two rules, two oracles and the shipped weights.
+    assert_eq!(methods(&json).len(), 6 * 6);
+    assert_eq!(json["checkpoints"][0]["method"], "shipped");
+    assert_eq!(json["baselines"]["fitted"]["images"], 64);
     let index = std::fs::read_to_string(root.join("index.csv")).unwrap();
     let beside = index.lines().filter(|line| line.split(',').nth(8) == Some("no"));
     let beside = beside.count();
@@ -353,8 +355,8 @@ fn published_pairs_are_scored() {
     let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
     let csv = read("evaluation.csv");
     // The best factors of all pictures and of their groups have rows of their own.
-    assert_eq!(csv.lines().count(), 1 + 4 * 37);
-    assert_eq!(csv.lines().filter(|line| line.contains(",no,")).count(), 4 * beside);
+    assert_eq!(csv.lines().count(), 1 + 7 * 37);
+    assert_eq!(csv.lines().filter(|line| line.contains(",no,")).count(), 7 * beside);
     assert!(read("evaluation.md").contains("Means without them:"));
     // `evaluation.md` also names folders of pictures without ground truth.
     assert!(read("evaluation.md").contains("ceilnet_real_inputs_only"));

@@ -12,6 +12,7 @@ mod composing;
 mod evaluate;
 mod finite;
 mod separate;
+mod shipped;
 #[path = "../support/mod.rs"]
 mod support;
 mod training;

@@ -94,6 +94,22 @@ fn the_former_command_line_is_refused_with_the_new_one() {
     let out = folder.path().join("out");
     let former = ["separate", text(folder.path()), text(&photo), "--out", text(&out)];
     run(&former).expect(2).says(&["--network RUN"]);
-    run(&["separate", text(&photo), "--out", text(&out)]).expect(2).says(&["--network RUN"]);
     assert!(!out.exists());
+}
+
+#[test]
+fn the_shipped_weights_need_no_network() {
+    let folder = tempfile::tempdir().unwrap();
+    let photo = folder.path().join("photo.png");
+    picture(96, 80).save(&photo).unwrap();
+    let out = folder.path().join("out");
+    let arguments = ["separate", text(&photo), "--out", text(&out), "--json"];
+    let json = run(&arguments).expect(0).json();
+    assert_eq!((&json["checkpoint"], &json["failed"]), (&"shipped".into(), &serde_json::json!([])));
+    assert!(json["images"][0]["clean_reflection"].is_null());
+    let given = image::open(&photo).unwrap().into_rgb8();
+    let made = image::open(out.join("photo.transmission.png")).unwrap().into_rgb8();
+    // The output is not brighter than the input, and differs from it.
+    assert!(made.iter().zip(given.iter()).all(|(made, given)| made <= given));
+    assert!(made != given);
 }

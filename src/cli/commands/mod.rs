@@ -173,7 +173,7 @@ Each picture becomes NAME.transmission.png (the scene behind the glass), NAME.gl
 Exit code 3: some pictures are unreadable or smaller than 16 px on a side; the others are separated.
 
 Examples:
-  glasshouse separate photo.jpg --network runs/smoke --out separated
+  glasshouse separate photo.jpg --out separated
   glasshouse separate photo.jpg --network runs/smoke --out separated --work-px 0 --json")]
     Separate(separate::SeparateArgs),
     /// Export a run's tuples as a data set for common loaders: tars, folders or OpenEXR files

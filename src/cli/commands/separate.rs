@@ -36,8 +36,8 @@ pub(super) struct SeparateArgs {
     /// Folder to write NAME.transmission.png, NAME.glass_reflection.png and, with a BT-net, NAME.clean_reflection.png to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Networks: folder of a run, a stage (for their best checkpoint or, without validation, their newest) or a
-    /// checkpoint
+    /// Networks: folder of a run, a training, a stage (for their best checkpoint or, without validation, their newest) or a
+    /// checkpoint [default: the weights that ship with the program, trained on procedural photographs]
     #[arg(long, value_name = "RUN|FOLDER")]
     network: Option<PathBuf>,
     /// File of VGG-19 weights, required by networks that were trained with such a file; must be the same file
@@ -127,7 +127,10 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
         wall_s: clock.elapsed().as_secs_f64(),
         given: args.images.len(),
         out: args.out.display(),
-        by: network.row_name(None),
+        by: match args.network {
+            Some(_) => network.row_name(None),
+            None => "the shipped weights".to_owned(),
+        },
     };
     output.show("glasshouse.separate/1", &separated);
     Ok(exit)
@@ -185,13 +188,10 @@ fn open(args: &SeparateArgs, output: &Output) -> Result<Network, Failure> {
             "{folder} is a folder, not a picture; to use its networks, give --network {folder} (--network RUN)"
         ));
     }
-    let Some(network) = &args.network else {
-        return Err(failure!(
-            Exit::Usage,
-            "no networks are given: give --network RUN (a run, a stage or a checkpoint)"
-        ));
-    };
-    Network::open(network, args.features.as_deref(), output)
+    match &args.network {
+        Some(network) => Network::open(network, args.features.as_deref(), output),
+        None => Network::shipped(output),
+    }
 }
 
 /// Returns the names of the files to write for each image. Fails if two of them are equal.

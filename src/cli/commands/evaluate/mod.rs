@@ -6,7 +6,7 @@ mod place;
 
 use crate::cli::args::{Global, SplitName};
 use crate::cli::exit_code::{Exit, Failure, failure};
-use crate::cli::network::{Network, use_threads};
+use crate::cli::network::use_threads;
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
@@ -14,7 +14,7 @@ use crate::outputs::Outputs;
 use baselines::{parse_factor, parse_veil, rules};
 use clap::{Args as ClapArgs, ValueEnum};
 use compose::{Factor, LeftOut, Method, Protocol, Setting, VeilRule};
-use methods::Methods;
+use methods::{Methods, NamedNetwork};
 use place::{Pictures, Place};
 use serde::Serialize;
 use serde_json::json;
@@ -33,9 +33,9 @@ pub(super) struct EvaluateArgs {
     /// "real" and aligned "yes". Paths start from its folder, or from DIR
     #[arg(long, value_name = "FILE.csv")]
     index: Option<PathBuf>,
-    /// Network to score: folder of a checkpoint, or of a stage or run (for its best checkpoint or, without
-    /// validation, its newest), after an optional row name [default: stage and step]; repeatable [default: the SP-net of
-    /// the run]
+    /// Network to score: folder of a checkpoint, or of a stage, training or run (for the best checkpoint or, without
+    /// validation, the newest of each training), after an optional row name; repeatable. Seeds of one training, or of one
+    /// name, get a row of means [default: all trainings of the run]
     #[arg(long = "checkpoint", value_name = "[NAME=]FOLDER")]
     checkpoints: Vec<PathBuf>,
     /// Outputs of any program to score, in a row NAME: DIR/STEM.png for the blended picture STEM.jpg or scene STEM;
@@ -192,11 +192,11 @@ impl<'a> Task<'a> {
         let Methods { networks, outputs } = &self.methods;
         let subject = self.pictures.subject();
         let signals = Signals::catch();
-        let of_networks = networks.iter().find_map(|(_, network)| network.state.baselines.as_ref());
+        let of_networks = networks.iter().find_map(|named| named.network.state.baselines.as_ref());
         let (rules, of_fit) = rules(args, of_networks, output, &signals)?;
         self.methods.check_names(&rules)?;
         let tile_px = args.tile_px;
-        let separators = networks.iter().map(|(_, network)| &network.separator);
+        let separators = networks.iter().map(|named| &named.network.separator);
         let tiled: Vec<Tiled> = separators.map(|separator| Tiled { separator, tile_px }).collect();
         let makers = tiled.iter().map(|tiled| tiled as &dyn Method);
         let makers = makers.chain(outputs.iter().map(|(_, outputs)| outputs as &dyn Method));
@@ -225,8 +225,8 @@ impl<'a> Task<'a> {
         if scored.rows.is_empty() {
             return Err(nothing(args, &left_out));
         }
-        let network = |(name, network): &(String, Network)| {
-            ScoredNetwork::new(name.clone(), network.path.clone(), &network.state)
+        let network = |NamedNetwork { row, network, .. }: &NamedNetwork| {
+            ScoredNetwork::new(row.clone(), network.path.clone(), &network.state)
         };
         let conditions = Conditions {
             place: place::name(args),
@@ -235,6 +235,7 @@ impl<'a> Task<'a> {
             tile_px,
             networks: networks.iter().map(network).collect(),
             outputs: outputs.iter().map(|(outputs, _)| outputs.clone()).collect(),
+            seeds: self.methods.seeds(),
             protocol: args.protocol.into(),
             baselines: rules,
         };

@@ -3,9 +3,9 @@
 use super::EvaluateArgs;
 use crate::cli::args::SplitName;
 use crate::cli::exit_code::{Exit, Failure, failure};
+use crate::cli::network::is_run;
 use crate::cli::output::Output;
 use crate::cli::target;
-use crate::run::keys;
 use compose::{IndexedPairs, LeftOut, Pair, Subject, find_pairs, read_index};
 use plan::PixelSource;
 use render::line::Roots;
@@ -155,8 +155,4 @@ pub(super) fn out(args: &EvaluateArgs) -> Option<PathBuf> {
 
 pub(in crate::cli::commands) fn evaluation_folder(run: &Path) -> PathBuf {
     run.join("train").join("evaluation")
-}
-
-fn is_run(place: &Path) -> bool {
-    place.join(keys::SPEC).is_file()
 }

@@ -7,19 +7,20 @@ use crate::cli::exit_code::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::run::Run;
 use crate::store::Store;
-use plan::{Stage, TrainSettings};
+use plan::{SeededTraining, Stage, TrainSettings};
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt;
+use std::num::NonZeroU64;
 use std::path::Path;
 use train::{Evaluation, TrainSummary, Training};
 
-/// Summaries of the trained stages, and the scores.
+/// Summaries of the trained stages, by their folders in `train`, and the scores.
 #[derive(Serialize)]
 pub(super) struct Trained {
     #[serde(flatten)]
-    stages: BTreeMap<&'static str, TrainSummary>,
+    stages: BTreeMap<String, TrainSummary>,
     /// `None` if a signal stopped the training.
     #[serde(skip_serializing_if = "Option::is_none")]
     evaluation: Option<Scores>,
@@ -55,31 +56,36 @@ impl fmt::Display for Trained {
     }
 }
 
-/// Trains the stages that have steps in the recipe, and scores the newest SP-net; returns `None` without `[train]`.
+/// Trains the stages that have steps in the recipe, and scores the networks; returns `None` without `[train]`.
 pub(super) fn training(
     folder: &Path,
     run: &Run,
     global: &Global,
     output: &Output,
 ) -> Result<Option<Trained>, Failure> {
-    let Some(recipe) = train_recipe(folder)? else {
+    let Some(trainings) = train_recipe(folder)? else {
         return Ok(None);
     };
     let store = Store::local(folder)?;
     let mut trained = Trained { stages: BTreeMap::new(), evaluation: None, exit: Exit::Done };
-    let stages =
-        [(Stage::Backtrack, recipe.backtrack_steps), (Stage::Separation, recipe.separation_steps)];
     let mut steps_taken = 0;
-    for (stage, steps) in stages.into_iter().filter(|(_, steps)| *steps > 0) {
-        let settings = |_: Option<&TrainSettings>| recipe.settings.clone();
-        let training = Training {
+    for (training, stage, steps) in trainings.seeded().iter().flat_map(stages) {
+        if let Some(name) = &training.name {
+            output.note(&format!("training {name}, {}", stage.name()));
+        }
+        let settings = |_: Option<&TrainSettings>| training.settings.clone();
+        let of_stage = Training {
+            name: training.name.clone(),
             // A validation takes longer than a step of small networks, so only about four take place.
-            checkpoint_every: Some((steps / 4).max(1)),
+            checkpoint_every: Some(
+                training.checkpoint_every.map_or((steps / 4).max(1), NonZeroU64::get),
+            ),
             ..training_of(run, &store, stage, steps, &settings)
         };
-        let (summary, exit) = train(training, global, output)?;
+        let (summary, exit) = train(of_stage, global, output)?;
         steps_taken += summary.trained.as_ref().map_or(0, |trained| trained.taken);
-        trained.stages.insert(stage.name(), summary);
+        let name = training.name.iter().map(String::as_str).chain([stage.name()]);
+        trained.stages.insert(name.collect::<Vec<_>>().join("/"), summary);
         if exit != Exit::Done {
             trained.exit = exit;
             return Ok(Some(trained));
@@ -92,6 +98,15 @@ pub(super) fn training(
         trained.exit = exit;
     }
     Ok(Some(trained))
+}
+
+/// Lists the stages of a training that have steps.
+fn stages(training: &SeededTraining) -> impl Iterator<Item = (&SeededTraining, Stage, u64)> {
+    let SeededTraining { backtrack_steps, separation_steps, .. } = training;
+    [(Stage::Backtrack, *backtrack_steps), (Stage::Separation, *separation_steps)]
+        .into_iter()
+        .filter(|(_, steps)| *steps > 0)
+        .map(move |(stage, steps)| (training, stage, steps))
 }
 
 /// Reads the scores of an earlier call; `None` if files are missing or the scores are incomplete.

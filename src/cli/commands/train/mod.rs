@@ -6,7 +6,7 @@ pub(super) use settings::NetworkName;
 
 use crate::cli::args::{Global, RootArgs};
 use crate::cli::exit_code::{Exit, Failure, failure};
-use crate::cli::network::{DeviceName, use_threads, weights_file};
+use crate::cli::network::{DeviceName, checkpoint, use_threads, weights_file};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
@@ -15,7 +15,7 @@ use crate::run::{Run, keys};
 use crate::store::Store;
 use clap::{Args as ClapArgs, ValueEnum};
 use compose::{Pair, find_pairs};
-use plan::{Stage, TrainRecipe, TrainSettings};
+use plan::{SeededTraining, Stage, TrainSettings, Trainings, check_training_name};
 use render::line::Roots;
 use settings::SettingArgs;
 use std::ops::Range;
@@ -35,12 +35,23 @@ const MEMORY_GB: f64 = 2.0;
 pub(super) struct TrainArgs {
     /// Folder of the run
     run: PathBuf,
-    /// Networks to train; separation starts from the newest checkpoint of backtrack
+    /// Name of the training, so that a run can have several: its checkpoints are in train/NAME, and its settings begin with
+    /// those of the recipe's [[train]] of this name [default: none, in train]
+    #[arg(long, value_name = "NAME", value_parser = training_name)]
+    name: Option<String>,
+    /// Networks to train; separation starts from the newest checkpoint of backtrack [default: separation, if the recipe
+    /// has this training]
     #[arg(long, value_enum)]
-    stage: StageName,
-    /// Total number of steps; an earlier training with fewer steps resumes
+    stage: Option<StageName>,
+    /// Total number of steps; an earlier training with fewer steps resumes [default: those of the recipe's training]
     #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..))]
-    steps: u64,
+    steps: Option<u64>,
+    /// Begin a new training with the weights and settings of this checkpoint, stage or run
+    #[arg(long, value_name = "FOLDER")]
+    from: Option<PathBuf>,
+    /// Folder of real pairs that choose the best checkpoint, in place of the split "validation"; scaled down to 640 px
+    #[arg(long, value_name = "DIR")]
+    select: Option<PathBuf>,
     /// Folder of real pairs in blended/ and transmission_layer/, or in the folders of SIR2 or CEILNet
     #[arg(long, value_name = "DIR", requires = "real_share")]
     real: Option<PathBuf>,
@@ -50,7 +61,7 @@ pub(super) struct TrainArgs {
     /// Number of newest checkpoints to keep; the best is also kept
     #[arg(long, value_name = "N", default_value_t = KEEP)]
     keep: usize,
-    /// Number of scenes that validate every checkpoint: the first ones of the split "validation"
+    /// Number of scenes or pairs that validate every checkpoint: the first ones of the split "validation" or of --select
     #[arg(long, value_name = "N", default_value_t = VALIDATE)]
     validate: usize,
     /// Write a grid of pictures every K steps; 0 for none [default: the value of --checkpoint-every]
@@ -92,6 +103,8 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
     let roots = Roots::parse(&args.roots.roots)?;
     let (run, store) = target::open(&args.run, args.store.as_deref(), &roots)?;
     let recipe = train_recipe(run.root())?;
+    let recipe = recipe.and_then(|trainings| trainings.find(args.name.as_deref()));
+    let (stage, steps) = stage_and_steps(args, recipe.as_ref())?;
     let settings = |frozen: Option<&TrainSettings>| {
         let typed = args.settings.features.as_deref();
         if frozen.is_none() && typed == Some("random") {
@@ -104,7 +117,12 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
         args.settings.over(&base)
     };
     let real = args.real.as_deref();
+    let from = args.from.as_deref().map(|folder| checkpoint(folder, output)).transpose()?;
+    let select = |folder: &PathBuf| Ok::<_, Failure>((folder.clone(), real_pairs(folder, output)?));
     let training = Training {
+        name: args.name.clone(),
+        from,
+        select: args.select.as_ref().map(select).transpose()?,
         pairs: real.map(|folder| real_pairs(folder, output)).transpose()?,
         features: weights_file(args.settings.features.as_deref()).map(Path::to_owned),
         device: args.device.open()?,
@@ -114,11 +132,36 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
         pictures_every: args.pictures_every,
         memory_bytes: bytes_of_gb(args.memory_gb),
         dry_run: global.dry_run,
-        ..training_of(&run, &store, args.stage.into(), args.steps, &settings)
+        ..training_of(&run, &store, stage, steps, &settings)
     };
     let (summary, exit) = train(training, global, output)?;
     output.show("glasshouse.train/1", &summary);
     Ok(exit)
+}
+
+fn training_name(typed: &str) -> Result<String, String> {
+    check_training_name(typed).map(|()| typed.to_owned())
+}
+
+/// Returns the stage and its last step: those on the command line, or else those of the recipe.
+fn stage_and_steps(
+    args: &TrainArgs,
+    recipe: Option<&SeededTraining>,
+) -> Result<(Stage, u64), Failure> {
+    let missing = |what: &str| {
+        failure!(
+            Exit::Usage,
+            "give {what}: the run's recipe has no training of this name and stage"
+        )
+    };
+    let stage = args.stage.map(Stage::from).or(recipe.map(|_| Stage::Separation));
+    let stage = stage.ok_or_else(|| missing("--stage and --steps"))?;
+    let of_recipe = recipe.map(|recipe| match stage {
+        Stage::Backtrack => recipe.backtrack_steps,
+        Stage::Separation => recipe.separation_steps,
+    });
+    let steps = args.steps.or(of_recipe.filter(|steps| *steps > 0));
+    Ok((stage, steps.ok_or_else(|| missing("--steps"))?))
 }
 
 /// Returns the training of a stage with the defaults of the command line.
@@ -131,6 +174,7 @@ pub(super) fn training_of<'a>(
 ) -> Training<'a> {
     Training {
         run: run.root().to_owned(),
+        name: None,
         stage,
         steps,
         scenes: &run.lines,
@@ -138,6 +182,8 @@ pub(super) fn training_of<'a>(
         roots: run.roots.clone(),
         inputs: Box::new(store_env::inputs()),
         pairs: None,
+        from: None,
+        select: None,
         settings,
         features: None,
         device: Device::Cpu,
@@ -169,8 +215,8 @@ pub(super) fn train(
     Ok((summary, exit))
 }
 
-/// Reads the recipe's `[train]` table from the run's folder, if the recipe has one.
-pub(super) fn train_recipe(run: &Path) -> Result<Option<TrainRecipe>, Failure> {
+/// Reads the recipe's trainings from the run's folder, if the recipe has any.
+pub(super) fn train_recipe(run: &Path) -> Result<Option<Trainings>, Failure> {
     let path = run.join(keys::TRAIN);
     let bytes = render::input_file::read_if_there(&path)
         .map_err(|e| failure!(Exit::Failed, "cannot read {}: {e}", path.display()))?;

@@ -91,6 +91,9 @@ pub(super) struct SettingArgs {
     /// Train without the a priori loss: SP-net does not learn through BT-net (the paper's ablation)
     #[arg(long)]
     no_a_priori: bool,
+    /// Train on the first N scenes of the split "train" only; 0 for all [default: 0]
+    #[arg(long, value_name = "N")]
+    scenes: Option<usize>,
     /// Source of the examples [default: rendered]
     #[arg(long, value_enum)]
     examples: Option<ExampleName>,
@@ -242,6 +245,7 @@ impl SettingArgs {
         put(&mut settings.adversarial_weight, self.adversarial_weight);
         put(&mut settings.real_share, self.real_share);
         put(&mut settings.seed, self.seed);
+        put(&mut settings.scenes, self.scenes);
         let examples = self.examples.map(|name| match name {
             ExampleName::Rendered => ExampleKind::Rendered,
             ExampleName::Composed => ExampleKind::Composed,
