@@ -53,6 +53,8 @@ impl CompositionBench {
             of("camera without JPEG", &|_| (), rendered, false),
             of("camera with JPEG", &|c| c.camera.jpeg_share = 1.0, rendered, false),
             of("linear mixture, camera without JPEG", &|_| (), Layering::LinearMixture, false),
+            of("Zhang's mixture, camera without JPEG", &|_| (), Layering::ZhangMixture, false),
+            of("CEILNet's mixture, camera without JPEG", &|_| (), Layering::CeilnetMixture, false),
         ]
     }
 
@@ -84,7 +86,7 @@ impl CompositionBench {
         let cut = Cut { row: 0, column: 0, size: self.size_px, mirrored: k.is_multiple_of(2) };
         let side = |at: usize| Side { tuple: &self.tuples[at % self.tuples.len()], cut };
         let (front, other) = (side(k as usize), side(k as usize + 1));
-        let other = (draw.is_other || layering == Layering::LinearMixture).then_some(other);
+        let other = (draw.is_other || layering.is_mixture()).then_some(other);
         if is_linear {
             std::hint::black_box(draw.linear(layering, front, other, self.size_px));
         } else {
@@ -155,7 +157,7 @@ mod tests {
         assert_eq!(bench.tuples.len(), 4);
         assert!(bench.tuples.iter().all(|tuple| matches!(tuple.input, Layer::Halves(_))));
         let rows = bench.rows(3);
-        assert_eq!(rows.len(), 5);
+        assert_eq!(rows.len(), 7);
         assert!(rows.iter().all(|row| row.cpu_seconds > 0.0), "{rows:?}");
         assert!(bench.on_threads(4, 2).iter().all(|value| *value > 0.0));
     }

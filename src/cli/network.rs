@@ -102,6 +102,19 @@ impl Network {
         Ok(Self { separator, path: checkpoint.path, state: checkpoint.state })
     }
 
+    /// Fails if tiles of this side are too small for the networks.
+    pub(super) fn check_tile_px(&self, tile_px: Option<u32>) -> Result<(), Failure> {
+        let least = self.separator.networks().least_tile_px();
+        let path = self.path.display();
+        match tile_px.filter(|px| (*px as usize) < least) {
+            None => Ok(()),
+            Some(px) => Err(failure!(
+                Exit::Usage,
+                "--tile-px {px} is too small for the networks of {path}: give {least} or more"
+            )),
+        }
+    }
+
     /// Returns the name of the table row: `name`, or stage and step. Adds the features if they differ from the paper's.
     pub(super) fn row_name(&self, name: Option<&str>) -> String {
         let state = &self.state;

@@ -50,8 +50,8 @@ pub use align::{MAX_ALIGNED_SHIFT_PX, Shift, shift_px};
 pub use bootstrap::Interval;
 pub use composition::{
     Camera, ComposedExample, Composition, CompositionError, Cut, Draw, DrawnCamera, DrawnExposure,
-    DrawnStrength, Exposure, LUMINANCE, Layer, Layering, LinearExample, LinearMixture, LinearTuple,
-    LogNormal, PercentileExposure, Side, Strength, TupleLayers, srgb_code,
+    DrawnStrength, DrawnZhang, Exposure, LUMINANCE, Layer, Layering, LinearExample, LinearTuple,
+    LogNormal, Mixtures, PercentileExposure, Side, Strength, TupleLayers, srgb_code,
 };
 pub use error::EvaluateError;
 pub use factor::{Factor, own_best_factor};

@@ -49,6 +49,10 @@ pub enum ExampleKind {
     Composed,
     /// The same of the tuples' transmissions, a T_i + b blur(T_j): linear light without glass.
     LinearMixtures,
+    /// Linear mixtures whose reflections are darkened as Zhang, Ng and Chen (CVPR 2018) do.
+    ZhangMixtures,
+    /// Mixtures of the transmissions' codes as CEILNet's, with the numbers of composed examples.
+    CeilnetMixtures,
     /// Image-space mixtures of the scenes' photographs by the method of Zhang, Ng and Chen (CVPR 2018).
     Zhang,
     /// Image-space mixtures of the scenes' photographs by the method of Fan et al. (CEILNet, ICCV 2017).
@@ -58,12 +62,15 @@ pub enum ExampleKind {
 impl ExampleKind {
     /// True if the examples are made of the run's tuples.
     pub fn needs_tuples(self) -> bool {
-        matches!(self, Self::Rendered | Self::Composed | Self::LinearMixtures)
+        self == Self::Rendered || self.is_composed()
     }
 
     /// True if the examples follow the settings of `composition`.
     pub fn is_composed(self) -> bool {
-        matches!(self, Self::Composed | Self::LinearMixtures)
+        matches!(
+            self,
+            Self::Composed | Self::LinearMixtures | Self::ZhangMixtures | Self::CeilnetMixtures
+        )
     }
 }
 
@@ -194,7 +201,7 @@ pub struct TrainSettings {
     pub scenes: usize,
     /// Source of the examples.
     pub examples: ExampleKind,
-    /// Distributions of composed examples and linear mixtures; the other kinds ignore them.
+    /// Distributions of composed examples and of mixtures of tuples; the other kinds ignore them.
     pub composition: Composition,
     /// Files of a tuple that contain the pixels.
     pub pixels: PixelSource,

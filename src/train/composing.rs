@@ -25,16 +25,18 @@ impl ExampleSampler {
         let front = self.side(front, draw.front_scale, stream)?;
         let layering = match self.settings.examples {
             ExampleKind::LinearMixtures => Layering::LinearMixture,
+            ExampleKind::ZhangMixtures => Layering::ZhangMixture,
+            ExampleKind::CeilnetMixtures => Layering::CeilnetMixture,
             _ => Layering::Rendered,
         };
-        let other = if draw.is_other || layering == Layering::LinearMixture {
+        let other = if draw.is_other || layering.is_mixture() {
             self.other_scene(index, others, stream)?
         } else {
             None
         };
-        if other.is_none() && layering == Layering::LinearMixture {
+        if other.is_none() && layering.is_mixture() {
             return Err(ExampleError::None(
-                "linear mixtures need two scenes with tuples in the split \"train\"".to_owned(),
+                "mixtures need two scenes with tuples in the split \"train\"".to_owned(),
             ));
         }
         let back = match other.as_deref() {

@@ -25,6 +25,13 @@ pub struct Networks<'a> {
 }
 
 impl Networks<'_> {
+    /// Returns the least side of tiles, px, of which the networks keep a part.
+    pub fn least_tile_px(&self) -> usize {
+        let separation = self.separation.map(|net| net.tiling(0).least_px());
+        let backtrack = self.backtrack.map(|_| backtrack_tiling(0).least_px());
+        separation.max(backtrack).unwrap_or(0)
+    }
+
     /// Computes T* and R~* of an image, clamped to [0, 1]; R~* of a network with T* alone is the light of I less that of
     /// T*, at least 0. Divides an image larger than `tile_px` a side into tiles, whose outputs equal those of the whole
     /// image except for features at the cuts; norms use the statistics of the whole image, reduced to the size of a tile.
@@ -66,7 +73,7 @@ impl Networks<'_> {
         let Some(backtrack) = self.backtrack else {
             candle_core::bail!("the checkpoint has a U-Net, which has no BT-net");
         };
-        let tiling = Tiling { tile_px, reach_px: REACH_PX, period_px: 1 };
+        let tiling = backtrack_tiling(tile_px);
         let network = Pass { tiling, outputs: 3, has_norms: true, device: backtrack.device() };
         let planes = network.planes(reflection, |tile, norms| {
             backtrack.forward_frozen(tile, &self.features(tile)?, norms)
@@ -77,6 +84,11 @@ impl Networks<'_> {
     fn features(&self, tile: &Tensor) -> Result<Vec<Tensor>> {
         self.vgg.map_or_else(|| Ok(Vec::new()), |vgg| vgg.features(tile))
     }
+}
+
+/// Returns tiles for BT-net.
+fn backtrack_tiling(tile_px: usize) -> Tiling {
+    Tiling { tile_px, reach_px: REACH_PX, period_px: 1 }
 }
 
 /// What a network needs to process an image.

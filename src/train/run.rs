@@ -14,7 +14,7 @@ use super::vgg_file::Features;
 use candle_core::Device;
 use compose::Pair;
 use crossbeam::channel::bounded;
-use plan::{ExampleKind, InputFiles, Stage, TrainSettings};
+use plan::{InputFiles, Stage, TrainSettings};
 use render::atomic_file::WriteError;
 use render::line::{Roots, SceneLine, Split};
 use serde::Serialize;
@@ -298,19 +298,17 @@ fn scene_source(
     settings: &TrainSettings,
     lines: Vec<SceneLine>,
 ) -> SceneSource {
-    match settings.examples {
-        ExampleKind::Rendered | ExampleKind::Composed | ExampleKind::LinearMixtures => {
-            SceneSource::Tuples(TupleSource {
-                files: training.tuples,
-                lines,
-                pixels: settings.pixels,
-            })
-        }
-        ExampleKind::Zhang | ExampleKind::Ceilnet => SceneSource::Photographs(PhotographSource {
+    if settings.examples.needs_tuples() {
+        return SceneSource::Tuples(TupleSource {
+            files: training.tuples,
             lines,
-            roots: training.roots,
-            base: training.run,
-            inputs: training.inputs,
-        }),
+            pixels: settings.pixels,
+        });
     }
+    SceneSource::Photographs(PhotographSource {
+        lines,
+        roots: training.roots,
+        base: training.run,
+        inputs: training.inputs,
+    })
 }

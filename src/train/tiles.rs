@@ -22,7 +22,7 @@ pub(super) struct Tiling {
 
 impl Tiling {
     /// Returns the least useful side of a tile, px.
-    fn least_px(&self) -> usize {
+    pub(super) fn least_px(&self) -> usize {
         2 * self.margin_px() + self.period_px.max(64)
     }
 

@@ -55,6 +55,14 @@ fn examples(place: &Place, settings: &TrainSettings, steps: u64) -> Vec<Vec<Exam
     (0..steps).map(|step| sampler.examples(step).unwrap()).collect()
 }
 
+/// Kinds of examples of equal strengths, exposures and cameras.
+const KINDS: [ExampleKind; 4] = [
+    ExampleKind::Composed,
+    ExampleKind::LinearMixtures,
+    ExampleKind::ZhangMixtures,
+    ExampleKind::CeilnetMixtures,
+];
+
 #[test]
 fn composition_without_draws_is_the_rendered_example() {
     let place = place();
@@ -80,7 +88,7 @@ fn composition_without_draws_is_the_rendered_example() {
 #[test]
 fn readers_and_memory_change_no_bit() {
     let place = place();
-    for kind in [ExampleKind::Composed, ExampleKind::LinearMixtures] {
+    for kind in KINDS {
         let settings = settings(kind, Composition::default());
         let expected = examples(&place, &settings, 12);
         // No tuple fits into the first memory, and one into the second.
@@ -153,6 +161,26 @@ fn examples_of_an_unfinished_run_use_the_scenes_before_theirs() {
     assert!(matches!(sampler.examples(1), Err(ExampleError::Stopped)));
 }
 
+/// Crops, factors and the other tuple are the same for all kinds, so targets are equal, and inputs are not.
+#[test]
+fn kinds_share_their_numbers() {
+    let place = place();
+    let mut composition = Composition::default();
+    (composition.other_share, composition.none_share) = (1.0, 0.0);
+    (composition.exposure, composition.camera.enabled) = (Exposure::OfTuple, false);
+    let of = |kind| -> Vec<Example> {
+        examples(&place, &settings(kind, composition.clone()), 4).into_iter().flatten().collect()
+    };
+    let [composed, mixtures @ ..] = KINDS.map(of);
+    for (k, mixture) in mixtures.iter().enumerate() {
+        for (at, (a, b)) in mixture.iter().zip(&composed).enumerate() {
+            assert!(a.transmission == b.transmission, "{:?} {at}", KINDS[k + 1]);
+            assert!(a.input != b.input);
+            assert!(k == 0 || a.input != mixtures[0][at].input);
+        }
+    }
+}
+
 #[test]
 fn strengths_and_exposures_vary() {
     let place = place();
@@ -194,9 +222,11 @@ fn training_on_composed_examples_resumes_with_the_same_bits() {
     let without = place();
     without.train("separation", "6", &small(&[&more[..], &["--camera", "off"]].concat()));
     assert!(model(&whole) != model(&without));
-    let mixed = place();
-    mixed.train("separation", "2", &small(&["--no-a-priori", "--examples", "linear-mixtures"]));
+    for kind in ["linear-mixtures", "zhang-mixtures", "ceilnet-mixtures"] {
+        let mixed = place();
+        mixed.train("separation", "2", &small(&["--no-a-priori", "--examples", kind]));
+    }
     let png = small(&["--examples", "composed", "--pixels", "png"]);
-    let ended = run(&mixed.arguments("backtrack", "2", &png));
+    let ended = run(&place().arguments("backtrack", "2", &png));
     ended.expect(2).says(&["pixels is png, but must be exr"]);
 }

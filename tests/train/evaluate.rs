@@ -206,6 +206,12 @@ fn photographs_are_separated() {
     };
     let dry = separate("none", &["-n"]).expect(3).json();
     assert_eq!(dry["images"].as_array().unwrap().len(), 3);
+    let (out, image) = (file("none"), text(&images[0]));
+    let small = ["separate", image, "--network", text(&place.run), "--out", text(&out), "-n"];
+    let small = run(&[&small[..], &["--tile-px", "319"]].concat());
+    small.expect(2).says(&["--tile-px 319 is too small", "give 320 or more"]);
+    let small = ["evaluate", text(&place.run), "-n", "--tile-px", "319"];
+    run(&small).expect(2).says(&["give 320 or more"]);
     assert!(!file("none").exists());
     let one = separate("one", &["-j", "1"]).expect(3);
     let json = one.json();

@@ -48,8 +48,8 @@ pub(super) struct SeparateArgs {
     #[arg(long, value_name = "PX", default_value_t = WORK_PX, value_parser = clap::value_parser!(u32).range(0..=65536))]
     work_px: u32,
     /// Side of the overlapping tiles of a larger picture for the networks, px. Smaller tiles need less memory; the least
-    /// side is 320 px, or 512 px for a U-Net, and smaller values count as these
-    #[arg(long, value_name = "PX", default_value_t = TILE_PX, value_parser = clap::value_parser!(u32).range(272..=16384))]
+    /// side is 320 px, or 512 px for a U-Net
+    #[arg(long, value_name = "PX", default_value_t = TILE_PX, value_parser = clap::value_parser!(u32).range(1..=16384))]
     tile_px: u32,
 }
 
@@ -59,6 +59,7 @@ const ENDINGS: [&str; 3] = ["transmission", "glass_reflection", "clean_reflectio
 pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
     use_threads(global);
     let network = open(args, output)?;
+    network.check_tile_px(Some(args.tile_px))?;
     let layers = if network.separator.has_backtrack() { 3 } else { 2 };
     let targets = targets(&args.images, &ENDINGS[..layers])?;
     let outputs = Outputs {

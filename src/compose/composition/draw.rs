@@ -1,5 +1,6 @@
 //! The numbers of one example, drawn from the settings' distributions.
 
+use super::mixture::DrawnZhang;
 use super::settings::{Camera, Composition, Exposure, LogNormal, Strength};
 use crate::random::Stream;
 
@@ -19,10 +20,16 @@ pub struct Draw {
     pub reflection_scale: f64,
     /// `None` for the exposure of the front's tuple.
     pub exposure: Option<DrawnExposure>,
-    /// Factor of the transmission in a linear mixture.
+    /// Factor of the transmission in a mixture.
     pub transmitted: f64,
-    /// Standard deviation of a linear mixture's blur, px.
+    /// Standard deviation of a mixture's blur, px.
     pub mixture_blur_px: f64,
+    /// Further numbers of Zhang's mixtures.
+    pub zhang: DrawnZhang,
+    /// Seed of the mask of the part that the reflection covers; `None` for the whole picture.
+    pub cover: Option<u64>,
+    /// Standard deviation of the blur of a rendered reflection, px; 0 for none.
+    pub rough_px: f64,
     /// `None` for layers coded in sRGB.
     pub camera: Option<DrawnCamera>,
 }
@@ -94,6 +101,15 @@ impl Draw {
             Strength::OfTuple => DrawnStrength::OfTuple,
             Strength::LogNormal(strength) => DrawnStrength::Ratio(strength.draw(stream)),
         };
+        // The stream's numbers above are those of earlier versions.
+        let zhang = DrawnZhang {
+            attenuation: stream.uniform([1.08, 1.18]),
+            vignette: [(); 2].map(|()| stream.unit()),
+        };
+        let is_partial = stream.unit() <= settings.partial_cover;
+        let cover = stream.bits();
+        let is_rough = stream.unit() <= settings.rough;
+        let rough_px = stream.log_uniform(settings.rough_px);
         Self {
             is_other,
             strength,
@@ -104,6 +120,9 @@ impl Draw {
             exposure,
             transmitted,
             mixture_blur_px,
+            zhang,
+            cover: is_partial.then_some(cover),
+            rough_px: if is_rough { rough_px } else { 0.0 },
             camera: settings.camera.enabled.then_some(camera),
         }
     }
@@ -115,6 +134,8 @@ impl Draw {
             && self.strength == DrawnStrength::OfTuple
             && factors.copied().all(|factor| factor == 1.0)
             && self.exposure.is_none()
+            && self.cover.is_none()
+            && self.rough_px == 0.0
             && self.camera.is_none()
     }
 }
@@ -209,6 +230,8 @@ mod tests {
         assert_distribution(of(&|d| exposure(d).place), uniform([0.0, 1.0]), "place");
         assert_distribution(of(&|d| d.transmitted), uniform([0.8, 1.0]), "transmitted");
         assert_distribution(of(&|d| d.mixture_blur_px), uniform([0.5, 5.0]), "mixture's blur");
+        assert_distribution(of(&|d| d.zhang.attenuation), uniform([1.08, 1.18]), "attenuation");
+        assert_distribution(of(&|d| d.zhang.vignette[1]), uniform([0.0, 1.0]), "vignette");
         let camera = |d: &Draw| d.camera.unwrap();
         assert_distribution(of(&|d| camera(d).shot_noise), log_uniform([1e-5, 1e-3]), "shot");
         assert_distribution(of(&|d| camera(d).read_noise), log_uniform([1e-4, 4e-3]), "read");
@@ -268,8 +291,14 @@ mod tests {
         let settings = Composition::default();
         let mut without = settings.clone();
         without.camera.enabled = false;
-        for (mut a, b) in draws(&settings).into_iter().zip(draws(&without)).take(100) {
+        (without.partial_cover, without.rough) = (0.5, 0.5);
+        let switched = draws(&without);
+        assert!((share(&switched, |d| d.cover.is_some()) - 0.5).abs() < 0.012);
+        let rough = switched.iter().map(|d| d.rough_px).filter(|px| *px > 0.0);
+        assert_distribution(rough.collect(), log_uniform([0.5, 6.0]), "rough");
+        for (mut a, mut b) in draws(&settings).into_iter().zip(switched).take(100) {
             a.camera = None;
+            (b.cover, b.rough_px) = (None, 0.0);
             assert_eq!(a, b);
         }
     }

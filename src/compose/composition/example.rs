@@ -4,8 +4,10 @@ use super::Cut;
 use super::blur::blur;
 use super::camera::without_camera;
 use super::code::srgb_code;
+use super::cover::cover;
 use super::draw::{Draw, DrawnStrength};
 use super::layers::{LinearTuple, channel_means, luminance};
+use super::mixture::{add_codes, blur_codes};
 use crate::random::Stream;
 use image::ImageResult;
 
@@ -23,6 +25,18 @@ pub enum Layering {
     Rendered,
     /// Two transmissions without a pane: a share of T_i, and a blurred T_j.
     LinearMixture,
+    /// The same, less what exceeds white, times a vignette: the mixing of Zhang, Ng and Chen (CVPR 2018).
+    ZhangMixture,
+    /// Two transmissions whose codes are blurred, reduced by what exceeds white, and added: the mixing of CEILNet (Fan
+    /// et al., ICCV 2017).
+    CeilnetMixture,
+}
+
+impl Layering {
+    /// True if examples have no pane: their front is a share of T_i, and another tuple's T_j is their reflection.
+    pub fn is_mixture(self) -> bool {
+        self != Self::Rendered
+    }
 }
 
 /// Linear layers of an example: square, three planes each. Input and targets have the same factors.
@@ -34,7 +48,8 @@ pub struct LinearExample {
     /// The part of the input that is reflection.
     pub glass_reflection: Vec<f32>,
     pub clean_reflection: Option<Vec<f32>>,
-    /// Mean luminance of the glass reflection over that of the front; 0 for a black front.
+    /// Mean luminance of the reflection over that of the front, before a partial cover and before the mixing of Zhang or
+    /// CEILNet change the reflection; 0 for a black front.
     pub strength: f64,
 }
 
@@ -106,24 +121,29 @@ impl Draw {
             Layering::Rendered => {
                 let clean = back.tuple.clean_reflection.as_ref();
                 let clean = clean.map(|layer| back.layer(layer, side_px));
-                let reflection = back.layer(&back.tuple.glass_reflection, side_px);
+                let mut reflection = back.layer(&back.tuple.glass_reflection, side_px);
+                blur(&mut reflection, side_px, self.rough_px);
                 (front.tuple.crop_front(front.cut, side_px), reflection, clean)
             }
-            Layering::LinearMixture => {
+            _ => {
                 let share = self.transmitted as f32;
                 let ahead = transmission.iter().map(|value| value * share).collect();
                 let clean = back.layer(&back.tuple.transmission, side_px);
                 let mut reflection = clean.clone();
-                blur(&mut reflection, side_px, self.mixture_blur_px);
+                let blur = |planes: &mut [f32]| blur(planes, side_px, self.mixture_blur_px);
+                match layering {
+                    Layering::CeilnetMixture => blur_codes(&mut reflection, blur),
+                    _ => blur(&mut reflection),
+                }
                 (ahead, reflection, Some(clean))
             }
         };
-        // The tuple's own reflection is 0 already where its pane does not reach.
-        if let (Some(coverage), Some(_)) = (&front.tuple.coverage, other) {
+        // The tuple's own reflection, if it is not blurred, is 0 already where its pane does not reach.
+        let needs_coverage = other.is_some() || self.rough_px > 0.0;
+        if let Some(coverage) = front.tuple.coverage.as_ref().filter(|_| needs_coverage) {
             let coverage = front.layer(coverage, side_px);
-            multiply_planes(&mut reflection, &coverage);
-            if let Some(clean) = &mut clean {
-                multiply_planes(clean, &coverage);
+            for planes in [Some(&mut reflection), clean.as_mut()].into_iter().flatten() {
+                multiply_planes(planes, &coverage);
             }
         }
         let means = [channel_means(&ahead), channel_means(&reflection)];
@@ -134,6 +154,17 @@ impl Draw {
         scale(&mut reflection, reflection_factors);
         if let Some(clean) = &mut clean {
             scale(clean, reflection_factors);
+        }
+        if let Some(seed) = self.cover {
+            let cover = cover(seed, side_px);
+            for planes in [Some(&mut reflection), clean.as_mut()].into_iter().flatten() {
+                multiply_planes(planes, &cover);
+            }
+        }
+        match layering {
+            Layering::ZhangMixture => self.zhang.darken(&ahead, &mut reflection, side_px),
+            Layering::CeilnetMixture => add_codes(&ahead, &mut reflection),
+            Layering::Rendered | Layering::LinearMixture => {}
         }
         let mut input = ahead;
         input.iter_mut().zip(&reflection).for_each(|(value, reflected)| *value += reflected);

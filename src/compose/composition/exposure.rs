@@ -23,7 +23,7 @@ impl DrawnExposure {
 }
 
 /// Returns the percentile, from 0 to 100, of the pixels' brightest channels: the value of the nearest rank.
-fn percentile_of(planes: &[f32], percentile: f64) -> f32 {
+pub(super) fn percentile_of(planes: &[f32], percentile: f64) -> f32 {
     let pixels = planes.len() / 3;
     let [red, green, blue] = [0, 1, 2].map(|channel| &planes[channel * pixels..][..pixels]);
     let brightest = red.iter().zip(green).zip(blue).map(|((r, g), b)| r.max(*g).max(*b).max(0.0));

@@ -7,7 +7,7 @@
 //! ```text
 //! settings -> draw (all numbers of an example)
 //! layers (tuples as halves) -> cut, resample -> example (factors, sum) -> exposure -> camera (blur, noise, curve, jpeg)
-//!                                           `-> code (nothing drawn: the tuple's bits)
+//!                                   mixture ^ `-> code (nothing drawn: the tuple's bits)
 //! ```
 //!
 //! Examples are functions of the settings, the tuples and two streams of random numbers; no result depends on the
@@ -16,6 +16,7 @@
 mod blur;
 mod camera;
 mod code;
+mod cover;
 mod curve;
 mod cut;
 mod draw;
@@ -23,7 +24,9 @@ mod example;
 mod exposure;
 mod jpeg;
 mod layers;
+mod mixture;
 mod noise;
+mod power;
 mod resample;
 mod settings;
 
@@ -32,8 +35,9 @@ pub use cut::Cut;
 pub use draw::{Draw, DrawnCamera, DrawnExposure, DrawnStrength};
 pub use example::{ComposedExample, Layering, LinearExample, Side};
 pub use layers::{LUMINANCE, Layer, LinearTuple, TupleLayers};
+pub use mixture::DrawnZhang;
 pub use settings::{
-    Camera, Composition, CompositionError, Exposure, LinearMixture, LogNormal, PercentileExposure,
+    Camera, Composition, CompositionError, Exposure, LogNormal, Mixtures, PercentileExposure,
     Strength,
 };
 

@@ -8,12 +8,18 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct Composition {
     /// Share of examples whose reflection comes from another tuple; the others keep their tuple's own, with its ghosts
-    /// and its parallax. Linear mixtures always use another tuple.
+    /// and its parallax. Mixtures always use another tuple.
     pub other_share: f64,
     /// Mean luminance of the reflection over that of the front.
     pub strength: Strength,
     /// Share of examples without a reflection.
     pub none_share: f64,
+    /// Share of examples whose reflection covers only a part of the picture. Its strength is that before the cover.
+    pub partial_cover: f64,
+    /// Share of composed examples whose reflection is blurred, as by a rough pane.
+    pub rough: f64,
+    /// Standard deviation of this blur, px; log-uniform.
+    pub rough_px: [f64; 2],
     /// Standard deviation of the logarithms of three factors, one per channel, of the whole picture's white balance.
     pub white_balance: f64,
     /// The same for the reflection alone.
@@ -24,8 +30,8 @@ pub struct Composition {
     pub reflection_scale: [f64; 2],
     /// Factor of all layers' light.
     pub exposure: Exposure,
-    /// The front and the reflection of linear mixtures.
-    pub mixture: LinearMixture,
+    /// The front and the reflection of mixtures.
+    pub mixture: Mixtures,
     /// The camera behind the glass.
     pub camera: Camera,
 }
@@ -74,10 +80,10 @@ pub struct PercentileExposure {
     pub front_mean: [f64; 2],
 }
 
-/// Linear mixtures: photographs without glass, with the strengths, exposures and cameras of composed examples.
+/// Mixtures: photographs without glass, with the strengths, exposures and cameras of composed examples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct LinearMixture {
+pub struct Mixtures {
     /// Factor of the transmission in the input; uniform.
     pub transmitted: [f64; 2],
     /// Standard deviation of the reflection's blur, px; uniform.
@@ -118,6 +124,9 @@ impl Default for Composition {
                 range: [0.03, 1.5],
             }),
             none_share: 0.05,
+            partial_cover: 0.0,
+            rough: 0.0,
+            rough_px: [0.5, 6.0],
             white_balance: 0.08,
             reflection_white_balance: 0.15,
             front_scale: [1.0, 1.0],
@@ -127,13 +136,13 @@ impl Default for Composition {
                 level: [0.1, 1.3],
                 front_mean: [0.03, 0.4],
             }),
-            mixture: LinearMixture::default(),
+            mixture: Mixtures::default(),
             camera: Camera::default(),
         }
     }
 }
 
-impl Default for LinearMixture {
+impl Default for Mixtures {
     fn default() -> Self {
         Self { transmitted: [0.8, 1.0], blur_px: [0.5, 5.0] }
     }
@@ -176,8 +185,8 @@ impl Composition {
             front_scale: [1.0; 2],
             reflection_scale: [1.0; 2],
             exposure: Exposure::OfTuple,
-            mixture: LinearMixture::default(),
             camera: Camera { enabled: false, ..Camera::default() },
+            ..Self::default()
         }
     }
 
@@ -187,6 +196,8 @@ impl Composition {
         for (name, share) in [
             ("composition.other_share", self.other_share),
             ("composition.none_share", self.none_share),
+            ("composition.partial_cover", self.partial_cover),
+            ("composition.rough", self.rough),
             ("composition.camera.blur_share", camera.blur_share),
             ("composition.camera.jpeg_share", camera.jpeg_share),
         ] {
@@ -209,20 +220,26 @@ impl Composition {
             "a rising range from 0.01 to 1",
         )?;
         let blur = "a rising range from 0 to 20";
-        check("composition.mixture.blur_px", self.mixture.blur_px, [0.0, 20.0], blur)?;
-        check("composition.composition.camera.blur_px", camera.blur_px, [0.0, 20.0], blur)?;
-        let noise = "a rising range from 1e-9 to 1";
-        check("composition.composition.camera.shot_noise", camera.shot_noise, [1e-9, 1.0], noise)?;
-        check("composition.composition.camera.read_noise", camera.read_noise, [1e-9, 1.0], noise)?;
         check(
-            "composition.composition.camera.s_curve",
+            "composition.rough_px",
+            self.rough_px,
+            [0.01, 20.0],
+            "a rising range from 0.01 to 20",
+        )?;
+        check("composition.mixture.blur_px", self.mixture.blur_px, [0.0, 20.0], blur)?;
+        check("composition.camera.blur_px", camera.blur_px, [0.0, 20.0], blur)?;
+        let noise = "a rising range from 1e-9 to 1";
+        check("composition.camera.shot_noise", camera.shot_noise, [1e-9, 1.0], noise)?;
+        check("composition.camera.read_noise", camera.read_noise, [1e-9, 1.0], noise)?;
+        check(
+            "composition.camera.s_curve",
             camera.s_curve,
             [-0.9, 0.9],
             "a rising range from -0.9 to 0.9",
         )?;
         let quality = camera.jpeg_quality.map(f64::from);
         check(
-            "composition.composition.camera.jpeg_quality",
+            "composition.camera.jpeg_quality",
             quality,
             [1.0, 100.0],
             "a rising range from 1 to 100",
@@ -312,7 +329,11 @@ mod tests {
         let text = refused(|c| c.reflection_scale = [2.0, 1.0]);
         assert!(text.contains("[2, 1], but must be a rising range from 1 to 4"), "{text}");
         assert!(refused(|c| c.white_balance = f64::NAN).contains("white_balance is NaN"));
-        assert!(refused(|c| c.camera.jpeg_quality = [0, 90]).contains("camera.jpeg_quality"));
+        let text = refused(|c| c.camera.jpeg_quality = [0, 90]);
+        assert!(text.starts_with("composition.camera.jpeg_quality is [0, 90], but"), "{text}");
+        assert!(refused(|c| c.camera.blur_px = [-1.0, 1.0]).starts_with("composition.camera.blur"));
+        assert!(refused(|c| c.rough_px = [0.0, 6.0]).contains("a rising range from 0.01 to 20"));
+        assert!(refused(|c| c.partial_cover = -0.1).contains("partial_cover is -0.1"));
         let narrow = LogNormal { median: 0.01, sigma: 1.0, range: [1.0, 2.0] };
         let strength = Strength::LogNormal(narrow);
         let settings = Composition { strength, ..Composition::default() };

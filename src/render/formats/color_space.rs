@@ -121,7 +121,7 @@ impl ColorSpace {
 /// The way back from sRGB to the 8-bit codes of a colour space.
 pub(crate) struct Inverse {
     /// Linear values of the 8-bit sRGB codes.
-    linear: [f64; 256],
+    srgb: [f64; 256],
     from_rec709: Matrix,
     /// Linear values of the codes of each channel, ascending for every usable curve.
     tables: [Vec<f64>; 3],
@@ -130,7 +130,7 @@ pub(crate) struct Inverse {
 impl Inverse {
     pub(crate) fn of(space: &ColorSpace) -> Self {
         Self {
-            linear: std::array::from_fn(|code| decode_srgb(code as f64 / 255.0)),
+            srgb: std::array::from_fn(|code| decode_srgb(code as f64 / 255.0)),
             from_rec709: inverse(space.to_rec709),
             tables: space.tables(255),
         }
@@ -138,13 +138,26 @@ impl Inverse {
 
     /// Returns the codes whose colour is nearest in each channel; colours outside of the gamut are limited to it.
     pub(crate) fn codes(&self, srgb: &[u8]) -> [u8; 3] {
-        let linear = apply(&self.from_rec709, [0, 1, 2].map(|c| self.linear[usize::from(srgb[c])]));
-        [0, 1, 2].map(|c| {
-            let (table, value) = (&self.tables[c], linear[c]);
-            let above = table.partition_point(|v| *v < value).min(255);
-            let below = above.saturating_sub(1);
-            if value - table[below] < table[above] - value { below as u8 } else { above as u8 }
-        })
+        let linear = self.linear(srgb);
+        [0, 1, 2].map(|channel| self.nearest(channel, linear[channel]))
+    }
+
+    /// Returns the linear values of an sRGB colour; outside of the gamut, they are below 0 or above 1.
+    pub(crate) fn linear(&self, srgb: &[u8]) -> [f64; 3] {
+        apply(&self.from_rec709, [0, 1, 2].map(|c| self.srgb[usize::from(srgb[c])]))
+    }
+
+    /// Returns the linear value of a code of a channel.
+    pub(crate) fn value(&self, channel: usize, code: u8) -> f64 {
+        self.tables[channel][usize::from(code)]
+    }
+
+    /// Returns the code of a channel whose linear value is nearest.
+    pub(crate) fn nearest(&self, channel: usize, value: f64) -> u8 {
+        let table = &self.tables[channel];
+        let above = table.partition_point(|v| *v < value).min(255);
+        let below = above.saturating_sub(1);
+        if value - table[below] < table[above] - value { below as u8 } else { above as u8 }
     }
 }
 

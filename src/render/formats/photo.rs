@@ -49,8 +49,8 @@ impl Photo {
 
     /// Encodes a changed version of the picture, given as sRGB codes, with the profile and EXIF data of the file.
     ///
-    /// Each code of the file moves by the difference that the change makes in its colour space, so unchanged pixels keep
-    /// their codes, inside and outside of the gamut of sRGB.
+    /// A change that darkens a channel of the file's colour space scales its light, also of colours outside of the gamut
+    /// of sRGB; one that brightens it moves its code by the difference. Unchanged pixels keep their codes.
     pub fn png_of_changed(&self, rgb: &[u8]) -> Result<Vec<u8>, ImageError> {
         let Some(Own { codes, space }) = &self.own else {
             return self.png(rgb);
@@ -60,10 +60,15 @@ impl Photo {
         let before = self.picture.rgb.chunks_exact(3).zip(rgb.chunks_exact(3));
         for (out, (before, after)) in out.chunks_exact_mut(3).zip(before) {
             if before != after {
-                let (from, to) = (to_space.codes(before), to_space.codes(after));
+                let (from, to) = (to_space.linear(before), to_space.linear(after));
                 for c in 0..3 {
-                    let moved = i16::from(out[c]) + i16::from(to[c]) - i16::from(from[c]);
-                    out[c] = moved.clamp(0, 255) as u8;
+                    out[c] = if to[c] < from[c] && from[c] > 0.0 {
+                        let ratio = to[c].max(0.0) / from[c];
+                        to_space.nearest(c, ratio * to_space.value(c, out[c]))
+                    } else {
+                        let [from, to] = [from, to].map(|v| i16::from(to_space.nearest(c, v[c])));
+                        (i16::from(out[c]) + to - from).clamp(0, 255) as u8
+                    };
                 }
             }
         }
@@ -118,6 +123,7 @@ fn metadata(bytes: &[u8]) -> (Option<Vec<u8>>, Option<Vec<u8>>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::color::{decode_srgb, linear_to_srgb};
     use crate::formats::upright::tests::exif;
     use std::path::Path;
 
@@ -168,6 +174,34 @@ mod tests {
             count += 1;
         }
         assert!(count > 100, "{count}");
+    }
+
+    /// A quarter of the light is that of every channel, for colours outside of the gamut of sRGB too.
+    #[test]
+    fn darkening_scales_the_light_of_saturated_colours() {
+        let photo = Photo::decode(&file("p3.png")).unwrap();
+        let quarter: Vec<u8> = (0..=255u8)
+            .map(|code| {
+                (255.0 * linear_to_srgb((decode_srgb(f64::from(code) / 255.0) / 4.0) as f32))
+                    .round() as u8
+            })
+            .collect();
+        let darker: Vec<u8> = photo.picture.rgb.iter().map(|v| quarter[usize::from(*v)]).collect();
+        let written = decode(photo.png_of_changed(&darker).unwrap());
+        let [before, after] = [&photo, &written].map(|photo| &photo.own.as_ref().unwrap().codes);
+        let mut outside = 0;
+        let limited = decode(photo.png_of_other(&photo.picture.rgb).unwrap());
+        let limited = limited.own.as_ref().unwrap().codes.chunks_exact(3);
+        let pixels = limited.zip(before.chunks_exact(3).zip(after.chunks_exact(3)));
+        for (limited, (before, after)) in pixels {
+            outside += u32::from((0..3).any(|c| before[c].abs_diff(limited[c]) > 12));
+            for c in 0..3 {
+                // P3 has the curve of sRGB. Dark codes of sRGB have few steps.
+                let expected = quarter[usize::from(before[c])];
+                assert!(after[c].abs_diff(expected) <= 4, "{before:?} {after:?}");
+            }
+        }
+        assert!(outside > 5, "{outside}");
     }
 
     #[test]

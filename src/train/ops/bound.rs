@@ -1,7 +1,7 @@
 //! An upper bound that does not stop learning, and the bound of an output's light by the light of its input.
 
 use super::values;
-use candle_core::{CpuStorage, CustomOp2, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
 
 /// Number of values that one thread processes at a time.
@@ -51,12 +51,6 @@ pub fn brightened(image: &Tensor, factor: f64) -> Result<Tensor> {
     Tensor::from_vec(codes.collect(), image.shape(), image.device())
 }
 
-/// Computes a result for each pair of values.
-fn pairwise(a: &[f32], b: &[f32], of: impl Fn(f32, f32) -> f32 + Sync) -> CpuStorage {
-    let pairs = a.par_iter().zip(b).with_min_len(AT_ONCE);
-    CpuStorage::F32(pairs.map(|(a, b)| of(*a, *b)).collect())
-}
-
 struct Bounded;
 
 impl CustomOp2 for Bounded {
@@ -77,8 +71,9 @@ impl CustomOp2 for Bounded {
         }
         let (x, bound) = (values("bounded", x, layout)?, values("bounded", bound, bound_layout)?);
         // A NaN must propagate.
-        let out = pairwise(x, bound, |x, bound| if x > bound { bound } else { x });
-        Ok((out, layout.shape().clone()))
+        let lesser = |(x, bound): (&f32, &f32)| if x > bound { *bound } else { *x };
+        let out = x.par_iter().zip(bound).with_min_len(AT_ONCE).map(lesser).collect();
+        Ok((CpuStorage::F32(out), layout.shape().clone()))
     }
 
     fn bwd(
@@ -88,36 +83,15 @@ impl CustomOp2 for Bounded {
         _result: &Tensor,
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>)> {
-        let excess = x.apply_op2_no_bwd(bound, &Excess)?;
-        Ok((Some(gradient.contiguous()?.apply_op2_no_bwd(&excess, &Gate)?), None))
+        let gradient = gradient.contiguous()?;
+        Ok((Some(gradient.apply_op3_no_bwd(x, bound, &Gate)?), None))
     }
 }
 
-/// Operation for the difference of two tensors, without copies of strided tensors.
-struct Excess;
-
-impl CustomOp2 for Excess {
-    fn name(&self) -> &'static str {
-        "excess"
-    }
-
-    fn cpu_fwd(
-        &self,
-        x: &CpuStorage,
-        layout: &Layout,
-        bound: &CpuStorage,
-        bound_layout: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let x = values("bounded", x, layout)?;
-        let bound = values("bounded", bound, bound_layout)?;
-        Ok((pairwise(x, bound, |x, bound| x - bound), layout.shape().clone()))
-    }
-}
-
-/// Operation that replaces negative gradients by 0 where the second tensor is positive.
+/// Operation that replaces negative gradients by 0 where x exceeds its bound.
 struct Gate;
 
-impl CustomOp2 for Gate {
+impl CustomOp3 for Gate {
     fn name(&self) -> &'static str {
         "bound-gate"
     }
@@ -126,15 +100,18 @@ impl CustomOp2 for Gate {
         &self,
         gradient: &CpuStorage,
         layout: &Layout,
-        excess: &CpuStorage,
-        excess_layout: &Layout,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        bound: &CpuStorage,
+        bound_layout: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
         let gradient = values("bounded", gradient, layout)?;
-        let excess = values("bounded", excess, excess_layout)?;
-        let of = |gradient: f32, excess: f32| {
-            if excess > 0.0 && gradient < 0.0 { 0.0 } else { gradient }
+        let (x, bound) = (values("bounded", x, x_layout)?, values("bounded", bound, bound_layout)?);
+        let all = gradient.par_iter().zip(x).zip(bound).with_min_len(AT_ONCE);
+        let of = |((gradient, x), bound): ((&f32, &f32), &f32)| {
+            if x > bound && *gradient < 0.0 { 0.0 } else { *gradient }
         };
-        Ok((pairwise(gradient, excess, of), layout.shape().clone()))
+        Ok((CpuStorage::F32(all.map(of).collect()), layout.shape().clone()))
     }
 }
 

@@ -41,20 +41,8 @@ impl CustomOp2 for Difference {
         b_layout: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
         let [a, b] = both(a, a_layout, b, b_layout)?;
-        let sums: Vec<f64> = a
-            .par_chunks(AT_ONCE)
-            .zip(b.par_chunks(AT_ONCE))
-            .map(|(a, b)| {
-                // The compiler vectorises the eight sums, and the order of additions is fixed.
-                let mut sums = [0.0f64; 8];
-                for (a, b) in a.chunks(8).zip(b.chunks(8)) {
-                    for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-                        *sum += f64::from((a - b).abs());
-                    }
-                }
-                sums.iter().sum()
-            })
-            .collect();
+        let sums: Vec<f64> =
+            a.par_chunks(AT_ONCE).zip(b.par_chunks(AT_ONCE)).map(|(a, b)| total(a, b)).collect();
         let mean = sums.iter().sum::<f64>() / a.len().max(1) as f64;
         Ok((CpuStorage::F32(vec![mean as f32]), Shape::from(())))
     }
@@ -99,18 +87,30 @@ impl CustomOp3 for Side {
         let gradient = values("difference", gradient, gradient_layout)?;
         let each = gradient.first().copied().unwrap_or(0.0) / a.len().max(1) as f32;
         let pairs = a.par_iter().zip(b).with_min_len(AT_ONCE);
-        let out = pairs.map(|(a, b)| {
-            let difference = a - b;
-            if difference > 0.0 {
-                each
-            } else if difference < 0.0 {
-                -each
-            } else {
-                // The difference is 0, or a NaN, which must propagate.
-                difference
-            }
-        });
+        let out = pairs.map(|(a, b)| signed(a - b, each));
         Ok((CpuStorage::F32(out.collect()), a_layout.shape().clone()))
+    }
+}
+
+/// Sums |a - b| over all pairs of values, in a fixed order that the compiler vectorises.
+pub(super) fn total(a: &[f32], b: &[f32]) -> f64 {
+    let mut sums = [0.0f64; 8];
+    for (a, b) in a.chunks(8).zip(b.chunks(8)) {
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *sum += f64::from((a - b).abs());
+        }
+    }
+    sums.iter().sum()
+}
+
+/// Returns `each` with the sign of a difference; 0 for 0, and NaN, which must propagate, for NaN.
+pub(super) fn signed(difference: f32, each: f32) -> f32 {
+    if difference > 0.0 {
+        each
+    } else if difference < 0.0 {
+        -each
+    } else {
+        difference
     }
 }
 

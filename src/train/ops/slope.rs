@@ -1,5 +1,6 @@
 //! The mean absolute difference of two images' slopes: differences of neighbouring pixels, along rows and columns.
 
+use super::difference::{signed, total};
 use super::values;
 use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
@@ -84,28 +85,6 @@ impl CustomOp2 for Slopes {
     ) -> Result<(Option<Tensor>, Option<Tensor>)> {
         let gradient = gradient.contiguous()?;
         Ok((Some(a.apply_op3_no_bwd(b, &gradient, &SlopesGradient)?), None))
-    }
-}
-
-/// Sums |next - here| over all pairs, in a fixed order that the compiler vectorises.
-fn total(next: &[f32], here: &[f32]) -> f64 {
-    let mut sums = [0.0f64; 8];
-    for (next, here) in next.chunks(8).zip(here.chunks(8)) {
-        for ((sum, next), here) in sums.iter_mut().zip(next).zip(here) {
-            *sum += f64::from((next - here).abs());
-        }
-    }
-    sums.iter().sum()
-}
-
-/// Returns `each` with the sign of a slope, 0 for 0, and NaN for NaN.
-fn signed(slope: f32, each: f32) -> f32 {
-    if slope > 0.0 {
-        each
-    } else if slope < 0.0 {
-        -each
-    } else {
-        slope
     }
 }
 

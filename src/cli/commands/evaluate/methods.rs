@@ -143,6 +143,7 @@ fn networks(args: &EvaluateArgs, output: &Output) -> Result<Vec<NamedNetwork>, F
     }
     let names: Vec<String> = networks.iter().map(|named| named.row.clone()).collect();
     for named in &mut networks {
+        named.network.check_tile_px(args.tile_px)?;
         if names.iter().filter(|name| **name == named.row).count() > 1 {
             named.row = format!("{} seed {}", named.row, named.network.state.settings.seed);
         }

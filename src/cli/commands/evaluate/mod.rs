@@ -72,7 +72,7 @@ pub(super) struct EvaluateArgs {
     features: Option<String>,
     /// Give larger pictures to networks in overlapping tiles of this side, px, to save memory; each is normalised alone
     /// [default: whole pictures]
-    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(272..=16384))]
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     tile_px: Option<u32>,
     /// Store of the run's tuples, if they are not in its folder
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]

@@ -97,7 +97,7 @@ pub(super) struct SettingArgs {
     /// Source of the examples [default: rendered]
     #[arg(long, value_enum)]
     examples: Option<ExampleName>,
-    /// Camera of composed examples and linear mixtures: blur, noise, curve, JPEG [default: on]
+    /// Camera of composed examples and mixtures of tuples: blur, noise, curve, JPEG [default: on]
     #[arg(long, value_enum)]
     camera: Option<Switch>,
     /// Files of a tuple to read [default: exr]
@@ -122,6 +122,10 @@ enum ExampleName {
     Composed,
     /// A tuple's transmission with another tuple's blurred transmission, in linear light.
     LinearMixtures,
+    /// The same, less what exceeds white, and with a vignette, as Zhang et al. mix photographs.
+    ZhangMixtures,
+    /// The same with codes in place of linear light, as CEILNet mixes photographs.
+    CeilnetMixtures,
     /// The run's photographs, blended by Zhang et al.'s recipe.
     Zhang,
     /// The run's photographs, blended by CEILNet's recipe.
@@ -250,6 +254,8 @@ impl SettingArgs {
             ExampleName::Rendered => ExampleKind::Rendered,
             ExampleName::Composed => ExampleKind::Composed,
             ExampleName::LinearMixtures => ExampleKind::LinearMixtures,
+            ExampleName::ZhangMixtures => ExampleKind::ZhangMixtures,
+            ExampleName::CeilnetMixtures => ExampleKind::CeilnetMixtures,
             ExampleName::Zhang => ExampleKind::Zhang,
             ExampleName::Ceilnet => ExampleKind::Ceilnet,
         });
