@@ -29,6 +29,7 @@ mod list;
 mod pair;
 mod param;
 mod places;
+mod preset;
 mod preview;
 mod procedural_inputs;
 mod recipe;
@@ -53,6 +54,7 @@ pub use draw_scenes::{RejectedScene, read_rejected, rejected_lines};
 pub use inputs::{InputFiles, LocalFiles, StoreUnavailable};
 pub use list::{PHOTOGRAPH_SCHEMA, parse_list};
 pub use places::{DEPTH_RANGES_SCHEMA, DepthRanges};
+pub use preset::Preset;
 pub use procedural::Place;
 pub use procedural_inputs::{ProceduralPhotograph, make_photographs};
 pub use recipe::{RECIPE_SCHEMA, Recipe};
@@ -63,7 +65,7 @@ pub use train_recipe::{
     SeededTraining, TrainRecipe, Trainings, check_training_name, name_without_seed,
 };
 pub use training::{
-    ExampleKind, FREE, FeatureSource, NetworkKind, OptimizerKind, PixelSource, ScheduleKind, Stage,
-    Start, TrainSettings,
+    ExampleKind, FREE, FeatureSource, FeatureStyle, NetworkKind, OptimizerKind, PixelSource,
+    ScheduleKind, Stage, Start, TrainSettings,
 };
 pub use training_check::SettingError;

@@ -38,6 +38,19 @@ pub enum FeatureSource {
     File,
 }
 
+/// Computation of the image features of a VGG-19.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FeatureStyle {
+    /// As torchvision: R, G and B normalised by ImageNet's means and deviations, maximum pools. Features are resized with
+    /// pixel centres at halves.
+    #[default]
+    Torch,
+    /// As the programs of Zhang et al. and of Kim et al.: codes from 0 to 255 in the order B, G, R less 123.68, 116.779 and
+    /// 103.939, average pools. The hypercolumn has the features divided by 255, resized as in TensorFlow 1.
+    Caffe,
+}
+
 /// Source of training examples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -209,6 +222,10 @@ pub struct TrainSettings {
     pub real_share: f64,
     /// True to wait for missing tuples; the first epoch then uses the manifest's order, in which a farm renders scenes.
     pub follow: bool,
+    /// Computation of the features.
+    pub feature_style: FeatureStyle,
+    /// Step size of the discriminators' optimiser; with a schedule, the largest. 0 for `learning_rate`.
+    pub discriminator_learning_rate: f64,
 }
 
 impl Default for TrainSettings {
@@ -248,13 +265,16 @@ impl Default for TrainSettings {
             pixels: PixelSource::Exr,
             real_share: 0.0,
             follow: false,
+            feature_style: FeatureStyle::Torch,
+            discriminator_learning_rate: 0.0,
         }
     }
 }
 
 /// Settings that may change when a training resumes.
-pub const FREE: [&str; 8] = [
+pub const FREE: [&str; 9] = [
     "learning_rate",
+    "discriminator_learning_rate",
     "weight_decay",
     "schedule",
     "warmup_steps",
@@ -265,8 +285,20 @@ pub const FREE: [&str; 8] = [
 ];
 
 impl TrainSettings {
-    /// Returns the learning rate of a step, counted from 1.
+    /// Returns the networks' learning rate in a step, counted from 1.
     pub fn rate(&self, step: u64) -> f64 {
+        self.scheduled(self.learning_rate, step)
+    }
+
+    /// Returns the discriminators' learning rate in a step, counted from 1.
+    pub fn discriminator_rate(&self, step: u64) -> f64 {
+        match self.discriminator_learning_rate {
+            0.0 => self.rate(step),
+            largest => self.scheduled(largest, step),
+        }
+    }
+
+    fn scheduled(&self, largest: f64, step: u64) -> f64 {
         let warmth = match self.warmup_steps {
             0 => 1.0,
             warmup => (step as f64 / warmup as f64).min(1.0),
@@ -282,7 +314,7 @@ impl TrainSettings {
                 (0..past).fold(1.0, |course, _| course * self.decay_factor)
             }
         };
-        self.learning_rate * warmth * course
+        largest * warmth * course
     }
 
     /// Lists the differences from `other`: `name: own value -> other value`.
@@ -329,6 +361,10 @@ mod tests {
             ("vgg_divisor", TrainSettings { vgg_divisor: 3, ..settings.clone() }),
             ("start", TrainSettings { network: NetworkKind::Unet, ..settings.clone() }),
             ("bound", TrainSettings { bound: -1.0, ..settings.clone() }),
+            (
+                "discriminator_learning_rate",
+                TrainSettings { discriminator_learning_rate: -1.0, ..settings.clone() },
+            ),
             ("weight_decay", TrainSettings { weight_decay: 0.1, ..settings.clone() }),
             ("betas", TrainSettings { betas: [0.9, 1.0], ..settings.clone() }),
             ("ema", TrainSettings { ema: 1.0, ..settings.clone() }),

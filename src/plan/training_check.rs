@@ -38,6 +38,7 @@ impl TrainSettings {
             return refuse("learning_rate", rate.to_string(), "above 0");
         }
         for (name, value) in [
+            ("discriminator_learning_rate", self.discriminator_learning_rate),
             ("pixel_weight", self.pixel_weight),
             ("gradient_weight", self.gradient_weight),
             ("feature_weight", self.feature_weight),

@@ -1,7 +1,9 @@
 //! The generator of Zhang, Ng and Chen (CVPR 2018), with a hypercolumn, dilated convolutions and adaptive norms. SP-net
 //! and BT-net share the architecture.
 
-use super::ops::{NormOptions, Window, bilinear, channel_statistics, conv2d, norm_act};
+use super::ops::{
+    NormOptions, Sampling, Window, bilinear_at, channel_statistics, conv2d, norm_act,
+};
 use super::random::{RandomTensor, Stream};
 use candle_core::{DType, Device, Result, Tensor, Var};
 use plan::Start;
@@ -25,6 +27,8 @@ pub struct GeneratorOptions {
     pub outputs: usize,
     /// Numbers of channels of the input features, finest first; empty without a feature network.
     pub features: Vec<usize>,
+    /// Positions of pixels in resized features.
+    pub sampling: Sampling,
     pub start: Start,
     /// Slope of the leaky ReLU, usually [`SLOPE`]. With 1, the network is linear except for its norms.
     pub slope: f32,
@@ -40,6 +44,7 @@ pub struct Generator {
     offsets: Vec<Var>,
     last: Var,
     last_bias: Var,
+    sampling: Sampling,
     norm: NormOptions,
     /// True if the first three outputs are added to the images.
     is_residual: bool,
@@ -57,6 +62,7 @@ impl Generator {
             offsets: Vec::new(),
             last: Var::zeros((options.outputs, width, 1, 1), DType::F32, device)?,
             last_bias: Var::zeros(options.outputs, DType::F32, device)?,
+            sampling: options.sampling,
             norm: NormOptions { epsilon: EPSILON, slope: options.slope },
             is_residual: options.start == Start::Residual,
         };
@@ -154,7 +160,7 @@ impl Generator {
             let kernel = see(&self.kernels[0]).narrow(1, start, channels)?;
             start += channels;
             let out = conv2d(part, &kernel, Window::same(1, 1))?;
-            let out = bilinear(&out, rows, columns)?;
+            let out = bilinear_at(&out, rows, columns, self.sampling)?;
             sum = Some(match sum {
                 None => out,
                 Some(sum) => (sum + out)?,
@@ -240,6 +246,7 @@ mod tests {
             width: 64,
             outputs,
             features: vec![64, 128, 256, 512, 512],
+            sampling: Sampling::Centres,
             start,
             slope: SLOPE,
         }

@@ -149,6 +149,7 @@ mod tests {
         width: 4,
         outputs: 6,
         features: Vec::new(),
+        sampling: crate::ops::Sampling::Centres,
         start: Start::Random,
         slope: SLOPE,
     };

@@ -6,6 +6,7 @@ use super::discriminator::Discriminator;
 use super::generator::{Generator, GeneratorOptions, SLOPE};
 use super::inference::Networks;
 use super::loss::{adversarial_loss, discriminator_loss};
+use super::ops::Sampling;
 use super::separation_net::SeparationNet;
 use super::vgg::Vgg;
 #[cfg(test)]
@@ -68,10 +69,12 @@ impl Learner {
         device: &Device,
         slope: f32,
     ) -> Result<Self> {
+        let vgg = vgg.map(|vgg| vgg.with_style(settings.feature_style));
         let options = |outputs| GeneratorOptions {
             width: settings.width,
             outputs,
             features: vgg.as_ref().map(Vgg::widths).unwrap_or_default(),
+            sampling: vgg.as_ref().map_or(Sampling::Centres, Vgg::sampling),
             start: settings.start,
             slope,
         };
@@ -247,9 +250,9 @@ impl Learner {
     ///
     /// Fails if candle fails, if the batch lacks layers that the stage needs, or if the loss has no terms.
     pub fn step(&mut self, step: u64, batch: &Batch, lap: Lap) -> Result<StepLosses> {
-        let rate = self.settings.rate(step + 1);
-        for adam in std::iter::once(&mut self.generator_adam).chain(&mut self.discriminator_adam) {
-            adam.options.learning_rate = rate;
+        self.generator_adam.options.learning_rate = self.settings.rate(step + 1);
+        if let Some(adam) = &mut self.discriminator_adam {
+            adam.options.learning_rate = self.settings.discriminator_rate(step + 1);
         }
         let (given, made, truth, mut sum) = match self.stage {
             Stage::Backtrack => self.backtrack_losses(batch, lap)?,

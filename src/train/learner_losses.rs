@@ -6,6 +6,7 @@ use super::learner::{Lap, Learner, Term};
 use super::loss::{feature_difference, l1};
 use super::ops::mean_slope_difference;
 use super::separation_net::Separated;
+use super::vgg::Vgg;
 use candle_core::{Result, Tensor};
 
 /// Names of the terms of T*, R~* and R*: pixels, differences of neighbouring pixels, features.
@@ -76,7 +77,8 @@ impl Learner {
         }
         if self.settings.feature_weight > 0.0 && !features.is_empty() {
             let difference = feature_difference(features, &self.features(&truth.detach())?)?;
-            sum.add(names[2], self.settings.feature_weight, &difference)?;
+            let factor = self.vgg.as_ref().map_or(1.0, Vgg::loss_factor);
+            sum.add(names[2], self.settings.feature_weight * factor, &difference)?;
         }
         Ok(())
     }

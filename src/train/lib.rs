@@ -15,6 +15,7 @@
 //! random            tensors of random numbers           srgb_planes   pixels as planes
 //! mixture           photographs mixed in image space    composing     examples composed in linear light
 //! scoring, evaluation    scores of networks on pictures    validation    scores of a training's networks
+//! similarity        rendered pictures and mixtures beside a camera's picture
 //! run, resume       a stage's training in a run's folder, resumed from its checkpoints
 //! ```
 //!
@@ -55,6 +56,7 @@ mod separation_net;
 mod separator;
 mod session;
 mod shipped;
+mod similarity;
 mod source;
 mod srgb_planes;
 mod tiles;
@@ -67,8 +69,8 @@ mod work_size;
 
 pub use candle_core;
 pub use plan::{
-    ExampleKind, FeatureSource, NetworkKind, OptimizerKind, PixelSource, ScheduleKind,
-    SettingError, Stage, Start, TrainSettings,
+    ExampleKind, FeatureSource, FeatureStyle, NetworkKind, OptimizerKind, PixelSource,
+    ScheduleKind, SettingError, Stage, Start, TrainSettings,
 };
 pub use safetensors;
 
@@ -101,16 +103,19 @@ pub use separation_net::{Separated, SeparationNet};
 pub use separator::{Separation, Separator, SeparatorError};
 pub use session::{Best, Schedule, Session, Trained, Watcher};
 pub use shipped::SHIPPED;
+pub use similarity::{BestMixture, Similarity, SimilarityError, best_mixture, similarity};
 pub use source::{
     Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleFilesError, TupleSource,
 };
-pub use srgb_planes::{bytes_of_planes, planes_of_bytes};
+pub use srgb_planes::{bytes_of_planes, planes_of_bytes, planes_of_linear};
 pub use unet::Unet;
 pub use validation::Validated;
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
 pub use vgg_file::{Features, FeaturesError};
 pub use work_size::WorkSize;
 
+#[cfg(test)]
+mod caffe_tests;
 #[cfg(test)]
 mod naming_tests;
 #[cfg(test)]

@@ -18,7 +18,8 @@ use render::shard::scene_digest;
 use std::path::Path;
 
 /// Settings of the architecture, which the separation stage inherits from the backtrack stage.
-const OF_NETWORKS: [&str; 5] = ["features", "network", "vgg_divisor", "width", "start"];
+const OF_NETWORKS: [&str; 6] =
+    ["features", "feature_style", "network", "vgg_divisor", "width", "start"];
 
 /// The checkpoints that training starts from.
 pub(super) struct Beginning {

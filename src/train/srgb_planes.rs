@@ -4,7 +4,7 @@ use super::example::Planes;
 use compose::srgb_code;
 
 /// Splits linear pixels into planes of sRGB codes.
-pub(super) fn planes_of_linear(pixels: &[[f32; 3]]) -> Planes {
+pub fn planes_of_linear(pixels: &[[f32; 3]]) -> Planes {
     let mut planes = vec![0.0; 3 * pixels.len()];
     for (channel, plane) in planes.chunks_exact_mut(pixels.len().max(1)).enumerate() {
         for (out, pixel) in plane.iter_mut().zip(pixels) {

@@ -1,8 +1,9 @@
 //! Image features of the frozen VGG-19 up to conv5_2 (Simonyan and Zisserman, ICLR 2015).
 
-use super::ops::{Window, conv2d_bias_leaky, max_pool2};
+use super::ops::{Sampling, Window, conv2d_bias_leaky, max_pool2, mean_pool2};
 use super::random::{RandomTensor, Stream};
 use candle_core::{DType, Device, Result, Tensor};
+use plan::FeatureStyle;
 use std::collections::HashMap;
 
 /// Indices of the convolutions in torchvision's `vgg19().features`; a ReLU follows each.
@@ -23,6 +24,13 @@ const TAPS: [usize; 5] = [1, 3, 5, 9, 13];
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 
+/// What the programs of Zhang et al. and of Kim et al. subtract from codes (0 to 255) of blue, green and red: the means of
+/// red, green and blue.
+const CAFFE_MEAN: [f32; 3] = [123.68, 116.779, 103.939];
+
+/// Largest code of a picture in these programs, by which they also divide the features of the hypercolumn.
+const LARGEST_CODE: f64 = 255.0;
+
 #[derive(Debug, thiserror::Error)]
 pub enum VggError {
     #[error(
@@ -42,6 +50,8 @@ pub struct Vgg {
     convolutions: Vec<(Tensor, Tensor)>,
     mean: Tensor,
     deviation: Tensor,
+    caffe_mean: Tensor,
+    style: FeatureStyle,
 }
 
 impl Vgg {
@@ -92,21 +102,68 @@ impl Vgg {
             channels = width / narrow;
         }
         let row = |values: [f32; 3]| Tensor::new(&values, device)?.reshape((1, 3, 1, 1));
-        Ok(Self { convolutions, mean: row(MEAN)?, deviation: row(DEVIATION)? })
+        Ok(Self {
+            convolutions,
+            mean: row(MEAN)?,
+            deviation: row(DEVIATION)?,
+            caffe_mean: row(CAFFE_MEAN)?,
+            style: FeatureStyle::Torch,
+        })
+    }
+
+    /// Returns the network with another computation of the features.
+    #[must_use]
+    pub fn with_style(self, style: FeatureStyle) -> Self {
+        Self { style, ..self }
+    }
+
+    /// Returns the factor of differences of features in the feature loss: caffe's features are of codes from 0 to 255.
+    pub fn loss_factor(&self) -> f64 {
+        match self.style {
+            FeatureStyle::Torch => 1.0,
+            FeatureStyle::Caffe => LARGEST_CODE,
+        }
+    }
+
+    /// Returns the positions of pixels in features that are resized for the hypercolumn.
+    pub fn sampling(&self) -> Sampling {
+        match self.style {
+            FeatureStyle::Torch => Sampling::Centres,
+            FeatureStyle::Caffe => Sampling::Corners,
+        }
+    }
+
+    /// Converts images to the input of the first convolution.
+    fn normalised(&self, images: &Tensor) -> Result<Tensor> {
+        match self.style {
+            FeatureStyle::Torch => images.broadcast_sub(&self.mean)?.broadcast_div(&self.deviation),
+            FeatureStyle::Caffe => {
+                let channels = [2, 1, 0].map(|channel| images.narrow(1, channel, 1));
+                let [blue, green, red] = channels;
+                let reversed = Tensor::cat(&[blue?, green?, red?], 1)?;
+                (reversed * LARGEST_CODE)?.broadcast_sub(&self.caffe_mean)
+            }
+        }
     }
 
     /// Computes relu(conv1_2) to relu(conv5_2) of images with sRGB values in [0, 1], (batch, 3, rows, columns). Each
-    /// feature has half the size of the previous one.
+    /// feature has half the size of the previous one. With caffe's style, they are divided by 255.
     pub fn features(&self, images: &Tensor) -> Result<Vec<Tensor>> {
         let mut features = Vec::with_capacity(TAPS.len());
-        let mut x = images.broadcast_sub(&self.mean)?.broadcast_div(&self.deviation)?;
+        let mut x = self.normalised(images)?;
         for (index, (kernel, bias)) in self.convolutions.iter().enumerate() {
             if POOLS.contains(&index) {
-                x = max_pool2(&x)?;
+                x = match self.style {
+                    FeatureStyle::Torch => max_pool2(&x)?,
+                    FeatureStyle::Caffe => average_pool2(&x)?,
+                };
             }
             x = conv2d_bias_leaky(&x, kernel, bias, Window::same(3, 1), 0.0)?;
             if TAPS.contains(&index) {
-                features.push(x.clone());
+                features.push(match self.style {
+                    FeatureStyle::Torch => x.clone(),
+                    FeatureStyle::Caffe => (&x / LARGEST_CODE)?,
+                });
             }
         }
         Ok(features)
@@ -116,4 +173,10 @@ impl Vgg {
     pub fn widths(&self) -> Vec<usize> {
         TAPS.iter().map(|&tap| self.convolutions[tap].1.elem_count()).collect()
     }
+}
+
+/// Returns the means of 2 x 2 px; ignores an odd last row or column.
+fn average_pool2(image: &Tensor) -> Result<Tensor> {
+    let (_, _, rows, columns) = image.dims4()?;
+    mean_pool2(&image.narrow(2, 0, rows / 2 * 2)?.narrow(3, 0, columns / 2 * 2)?)
 }

@@ -86,6 +86,10 @@ fn errors_are_json_objects() {
         (&["separate", "a.png", "--network", nowhere, "--out", nowhere], 4),
         #[cfg(feature = "train")]
         (&["separate", "--out", nowhere], 2),
+        #[cfg(feature = "train")]
+        (&["similarity", nowhere], 4),
+        #[cfg(feature = "train")]
+        (&["similarity", nowhere, "--draws", "0"], 2),
         (&["render", nowhere, "--out", nowhere], 4),
         (&["render", nowhere, "--out", nowhere, "--spp", "3"], 2),
         (&["sample", nowhere], 2),

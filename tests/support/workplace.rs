@@ -59,6 +59,17 @@ fn make(folder: &Path) {
         std::fs::create_dir_all(&layer).unwrap();
         std::fs::copy(folder.join(picture), layer.join("1.png")).unwrap();
     }
+    // A rendering stands for the camera in the example of `similarity`.
+    let capture = folder.join("captures/window");
+    std::fs::create_dir_all(&capture).unwrap();
+    for side in ["a", "b"] {
+        for ending in [".png", "_depth.npy", "_depth_mask.npy"] {
+            let name = format!("{side}{ending}");
+            std::fs::copy(folder.join(&name), capture.join(&name)).unwrap();
+        }
+    }
+    std::fs::copy(folder.join("scene.json"), capture.join("scene.json")).unwrap();
+    std::fs::copy(folder.join("out/input.png"), capture.join("captured.png")).unwrap();
     let mine = "schema = \"glasshouse.recipe/1\"\nname = \"mine\"\n[sources.diode]\nlayout = \"diode\"\n\
          [[split]]\nname = \"train\"\npairs = { diode = 1 }\n";
     std::fs::write(folder.join("my.toml"), mine).unwrap();

@@ -8,11 +8,14 @@
     reason = "tests may panic in any function, damage files, and print why they are skipped"
 )]
 
+mod bundle;
 mod composing;
 mod evaluate;
 mod finite;
+mod presets;
 mod separate;
 mod shipped;
+mod similarity;
 #[path = "../support/mod.rs"]
 mod support;
 mod training;

@@ -22,6 +22,8 @@ mod sample;
 mod schema;
 #[cfg(feature = "train")]
 mod separate;
+#[cfg(feature = "train")]
+mod similarity;
 mod status;
 #[cfg(feature = "train")]
 mod train;
@@ -176,6 +178,25 @@ Examples:
   glasshouse separate photo.jpg --out separated
   glasshouse separate photo.jpg --network runs/smoke --out separated --work-px 0 --json")]
     Separate(separate::SeparateArgs),
+    /// Compare renderings and image-space mixtures with a camera's pictures of the same scenes
+    #[cfg(feature = "train")]
+    #[command(after_help = "\
+Each folder of DIR has scene.json and the camera's picture of this scene: captured.png in sRGB, or
+captured.exr in linear light, of the film's size (below 550 px a side, the limit of Zhang's mixtures).
+
+ours                the rendered input
+transmission alone  the rendered transmission, without any reflection
+CEILNet, Zhang      mixtures of the rendered transmission (front) and clean reflection (back), the best of
+                    --draws parameter sets: the camera's picture chooses, so these are upper bounds
+
+The factor is each picture's best factor of linear light, 0.30 to 2.00; mixtures are chosen again after it.
+
+Exit code 3: folders without a scene or a usable picture are left out. 4: no scene is left.
+
+Examples:
+  glasshouse similarity captures
+  glasshouse similarity captures --spp 1024 --draws 20 --json")]
+    Similarity(similarity::SimilarityArgs),
     /// Export a run's tuples as a data set for common loaders: tars, folders or OpenEXR files
     #[command(after_help = "\
 webdataset   DIR/SPLIT-000000.tar with ID.LAYER.png and ID.json, for the WebDataset library
@@ -281,6 +302,8 @@ impl Args {
             Command::Evaluate(args) => evaluate::run(args, global, output),
             #[cfg(feature = "train")]
             Command::Separate(args) => separate::run(args, global, output),
+            #[cfg(feature = "train")]
+            Command::Similarity(args) => similarity::run(args, global, output),
             Command::Export(args) => export::run(args, global, output),
             Command::Report(args) => report::run(args, global, output),
             Command::Schema => Ok(schema::run(output)),

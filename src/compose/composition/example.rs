@@ -117,26 +117,24 @@ impl Draw {
     ) -> LinearExample {
         let mut transmission = front.layer(&front.tuple.transmission, side_px);
         let back = other.unwrap_or(front);
-        let (mut ahead, mut reflection, mut clean) = match layering {
-            Layering::Rendered => {
-                let clean = back.tuple.clean_reflection.as_ref();
-                let clean = clean.map(|layer| back.layer(layer, side_px));
-                let mut reflection = back.layer(&back.tuple.glass_reflection, side_px);
-                blur(&mut reflection, side_px, self.rough_px);
-                (front.tuple.crop_front(front.cut, side_px), reflection, clean)
+        let (mut ahead, mut reflection, mut clean) = if layering == Layering::Rendered {
+            let clean = back.tuple.clean_reflection.as_ref();
+            let clean = clean.map(|layer| back.layer(layer, side_px));
+            let mut reflection = back.layer(&back.tuple.glass_reflection, side_px);
+            blur(&mut reflection, side_px, self.rough_px);
+            (front.tuple.crop_front(front.cut, side_px), reflection, clean)
+        } else {
+            let share = self.transmitted as f32;
+            let ahead = transmission.iter().map(|value| value * share).collect();
+            let clean = back.layer(&back.tuple.transmission, side_px);
+            let mut reflection = clean.clone();
+            let blur = |planes: &mut [f32]| blur(planes, side_px, self.mixture_blur_px);
+            if layering == Layering::CeilnetMixture {
+                blur_codes(&mut reflection, blur);
+            } else {
+                blur(&mut reflection);
             }
-            _ => {
-                let share = self.transmitted as f32;
-                let ahead = transmission.iter().map(|value| value * share).collect();
-                let clean = back.layer(&back.tuple.transmission, side_px);
-                let mut reflection = clean.clone();
-                let blur = |planes: &mut [f32]| blur(planes, side_px, self.mixture_blur_px);
-                match layering {
-                    Layering::CeilnetMixture => blur_codes(&mut reflection, blur),
-                    _ => blur(&mut reflection),
-                }
-                (ahead, reflection, Some(clean))
-            }
+            (ahead, reflection, Some(clean))
         };
         // The tuple's own reflection, if it is not blurred, is 0 already where its pane does not reach.
         let needs_coverage = other.is_some() || self.rough_px > 0.0;

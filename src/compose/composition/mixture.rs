@@ -53,7 +53,9 @@ pub(super) fn add_codes(ahead: &[f32], reflection: &mut [f32]) {
     let sums = sums(&front, &back);
     let white = percentile_of(&sums, WHITE_PERCENTILE);
     let taken = mean_excess(&sums, white) * CEILNET_ATTENUATION;
-    back.iter_mut().for_each(|value| *value = (*value - taken).clamp(0.0, white));
+    for value in &mut back {
+        *value = (*value - taken).clamp(0.0, white);
+    }
     for (at, value) in reflection.iter_mut().enumerate() {
         let sum = if back[at] > 0.0 { LIGHT.of(front[at] + back[at]) } else { ahead[at] };
         *value = (sum - ahead[at]).max(0.0);
@@ -64,7 +66,9 @@ pub(super) fn add_codes(ahead: &[f32], reflection: &mut [f32]) {
 pub(super) fn blur_codes(planes: &mut Vec<f32>, blur: impl FnOnce(&mut [f32])) {
     *planes = coded(planes);
     blur(planes);
-    planes.iter_mut().for_each(|value| *value = LIGHT.of(*value));
+    for value in planes {
+        *value = LIGHT.of(*value);
+    }
 }
 
 fn coded(linear: &[f32]) -> Vec<f32> {

@@ -33,7 +33,7 @@ pub use difference::{absolute, mean_absolute_difference};
 pub use halve::{double_and_join, mean_pool2, pad_to_multiple, shuffle2, unshuffle2};
 pub use norm::{NormOptions, channel_statistics, norm_act};
 pub use pool::max_pool2;
-pub use resize::bilinear;
+pub use resize::{Sampling, bilinear, bilinear_at};
 pub use slope::mean_slope_difference;
 pub use window::Window;
 

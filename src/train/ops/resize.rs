@@ -4,25 +4,49 @@ use super::values;
 use candle_core::{CpuStorage, CustomOp1, Device, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
 
+/// Positions of pixels in a resized image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sampling {
+    /// Pixel centres at halves (PyTorch's `align_corners=False`).
+    Centres,
+    /// The first pixels coincide, and position k is k times the ratio of the sizes (TensorFlow 1).
+    Corners,
+}
+
 /// Resizes a (batch, channels, rows, columns) f32 tensor bilinearly, with pixel centres at halves and clamping at the
 /// borders (PyTorch's `align_corners=False` without antialiasing).
 pub fn bilinear(image: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
+    bilinear_at(image, rows, columns, Sampling::Centres)
+}
+
+/// Resizes like [`bilinear`], with pixels at the given positions.
+pub fn bilinear_at(
+    image: &Tensor,
+    rows: usize,
+    columns: usize,
+    sampling: Sampling,
+) -> Result<Tensor> {
     let (_, _, from_rows, from_columns) = image.dims4()?;
     if [from_rows, from_columns] == [rows, columns] {
         return Ok(image.clone());
     }
     if image.device().is_cpu() {
-        return image.contiguous()?.apply_op1(Resize { to: [rows, columns] });
+        return image.contiguous()?.apply_op1(Resize { to: [rows, columns], sampling });
     }
-    plain(image, rows, columns)
+    plain(image, rows, columns, sampling)
 }
 
 /// Computes [`bilinear`] as two candle matrix products, for devices other than the CPU.
-pub(super) fn plain(image: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
+pub(super) fn plain(
+    image: &Tensor,
+    rows: usize,
+    columns: usize,
+    sampling: Sampling,
+) -> Result<Tensor> {
     let (batch, channels, from_rows, from_columns) = image.dims4()?;
     let planes = batch * channels;
-    let across = matrix(from_columns, columns, image.device())?.t()?.contiguous()?;
-    let down = matrix(from_rows, rows, image.device())?;
+    let across = matrix(from_columns, columns, sampling, image.device())?.t()?.contiguous()?;
+    let down = matrix(from_rows, rows, sampling, image.device())?;
     let wide = image.contiguous()?.reshape((planes * from_rows, from_columns))?.matmul(&across)?;
     let turned = wide.reshape((planes, from_rows, columns))?.transpose(0, 1)?.contiguous()?;
     let high = down.matmul(&turned.reshape((from_rows, planes * columns))?)?;
@@ -31,10 +55,13 @@ pub(super) fn plain(image: &Tensor, rows: usize, columns: usize) -> Result<Tenso
 }
 
 /// Returns the two neighbours of each of `to` pixels among `from` pixels of a line, and the weight of the second.
-fn taps(from: usize, to: usize) -> Vec<(usize, usize, f32)> {
+fn taps(from: usize, to: usize, sampling: Sampling) -> Vec<(usize, usize, f32)> {
     let scale = from as f64 / to as f64;
     let tap = |place: usize| {
-        let at = ((place as f64 + 0.5) * scale - 0.5).max(0.0);
+        let at = match sampling {
+            Sampling::Centres => ((place as f64 + 0.5) * scale - 0.5).max(0.0),
+            Sampling::Corners => place as f64 * scale,
+        };
         let first = (at as usize).min(from - 1);
         (first, (first + 1).min(from - 1), (at - first as f64) as f32)
     };
@@ -42,9 +69,9 @@ fn taps(from: usize, to: usize) -> Vec<(usize, usize, f32)> {
 }
 
 /// Returns the weights of [`taps`] as a (to, from) matrix.
-fn matrix(from: usize, to: usize, device: &Device) -> Result<Tensor> {
+fn matrix(from: usize, to: usize, sampling: Sampling, device: &Device) -> Result<Tensor> {
     let mut weights = vec![0.0f32; to * from];
-    for (place, (first, second, weight)) in taps(from, to).into_iter().enumerate() {
+    for (place, (first, second, weight)) in taps(from, to, sampling).into_iter().enumerate() {
         weights[place * from + first] += 1.0 - weight;
         weights[place * from + second] += weight;
     }
@@ -53,6 +80,7 @@ fn matrix(from: usize, to: usize, device: &Device) -> Result<Tensor> {
 
 struct Resize {
     to: [usize; 2],
+    sampling: Sampling,
 }
 
 impl CustomOp1 for Resize {
@@ -64,7 +92,8 @@ impl CustomOp1 for Resize {
         let (batch, channels, from_rows, from_columns) = layout.shape().dims4()?;
         let image = values("bilinear", image, layout)?;
         let [rows, columns] = self.to;
-        let (down, across) = (taps(from_rows, rows), taps(from_columns, columns));
+        let of = |from, to| taps(from, to, self.sampling);
+        let (down, across) = (of(from_rows, rows), of(from_columns, columns));
         let mut out = vec![0.0; batch * channels * rows * columns];
         let planes = out.par_chunks_exact_mut(rows * columns);
         planes.zip(image.par_chunks_exact(from_rows * from_columns)).for_each(|(out, plane)| {
@@ -85,7 +114,7 @@ impl CustomOp1 for Resize {
 
     fn bwd(&self, image: &Tensor, _result: &Tensor, gradient: &Tensor) -> Result<Option<Tensor>> {
         let (_, _, rows, columns) = image.dims4()?;
-        let back = ResizeGradient { from: [rows, columns] };
+        let back = ResizeGradient { from: [rows, columns], sampling: self.sampling };
         Ok(Some(gradient.contiguous()?.apply_op1_no_bwd(&back)?))
     }
 }
@@ -93,6 +122,7 @@ impl CustomOp1 for Resize {
 /// The transpose of [`Resize`].
 struct ResizeGradient {
     from: [usize; 2],
+    sampling: Sampling,
 }
 
 impl CustomOp1 for ResizeGradient {
@@ -104,7 +134,8 @@ impl CustomOp1 for ResizeGradient {
         let (batch, channels, rows, columns) = layout.shape().dims4()?;
         let gradient = values("bilinear", gradient, layout)?;
         let [from_rows, from_columns] = self.from;
-        let (down, across) = (taps(from_rows, rows), taps(from_columns, columns));
+        let of = |from, to| taps(from, to, self.sampling);
+        let (down, across) = (of(from_rows, rows), of(from_columns, columns));
         let mut out = vec![0.0; batch * channels * from_rows * from_columns];
         let planes = out.par_chunks_exact_mut(from_rows * from_columns);
         planes.zip(gradient.par_chunks_exact(rows * columns)).for_each(|(out, gradient)| {

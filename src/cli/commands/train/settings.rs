@@ -2,8 +2,8 @@
 
 use clap::{Args as ClapArgs, ValueEnum};
 use plan::{
-    ExampleKind, FeatureSource, NetworkKind, OptimizerKind, PixelSource, ScheduleKind, Start,
-    TrainSettings,
+    ExampleKind, FeatureSource, FeatureStyle, NetworkKind, OptimizerKind, PixelSource, Preset,
+    ScheduleKind, Start, TrainSettings,
 };
 
 /// Settings that the first checkpoint records; later commands need not repeat them.
@@ -12,10 +12,16 @@ use plan::{
     next_help_heading = "Settings (recorded by the first checkpoint; only rates may change later)"
 )]
 pub(super) struct SettingArgs {
+    /// Settings of a published training, in place of the defaults or of the recipe's; needs --features FILE
+    #[arg(long, value_enum)]
+    preset: Option<PresetName>,
     /// Image features: none, random (VGG-19 with random weights), or a file of torchvision's vgg19 weights (.safetensors
     /// or .pth) [default: none]
     #[arg(long, value_name = "none|random|FILE")]
     pub(super) features: Option<String>,
+    /// Computation of the features [default: torch]
+    #[arg(long, value_enum)]
+    feature_style: Option<StyleName>,
     /// Divisor of the widths of a random VGG-19 [default: 1]
     #[arg(long, value_name = "N")]
     vgg_divisor: Option<usize>,
@@ -46,6 +52,9 @@ pub(super) struct SettingArgs {
     /// Learning rate; with a schedule, the largest [default: 1e-4]
     #[arg(long, value_name = "RATE")]
     learning_rate: Option<f64>,
+    /// Learning rate of the discriminators; 0 for that of the networks [default: 0]
+    #[arg(long, value_name = "RATE")]
+    discriminator_learning_rate: Option<f64>,
     /// Optimiser of the networks [default: adam]
     #[arg(long, value_enum)]
     optimizer: Option<OptimizerName>,
@@ -130,6 +139,24 @@ enum ExampleName {
     Zhang,
     /// The run's photographs, blended by CEILNet's recipe.
     Ceilnet,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum PresetName {
+    /// The text of Kim, Huo and Yoon.
+    #[value(name = "kim2020-text")]
+    Text,
+    /// Their program: pixels weigh 52, caffe's features, rates 2e-4 and 1e-4.
+    #[value(name = "kim2020-code")]
+    Code,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum StyleName {
+    /// As torchvision.
+    Torch,
+    /// As the programs of Zhang et al. and Kim et al., with average pools.
+    Caffe,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -223,13 +250,22 @@ impl From<ScheduleName> for ScheduleKind {
 impl SettingArgs {
     /// Returns `base`, overridden by the settings on the command line.
     pub(super) fn over(&self, base: &TrainSettings) -> TrainSettings {
-        let mut settings = base.clone();
+        let preset = self.preset.map(|name| match name {
+            PresetName::Text => Preset::Kim2020Text,
+            PresetName::Code => Preset::Kim2020Code,
+        });
+        let mut settings = preset.map_or_else(|| base.clone(), TrainSettings::preset);
         settings.features = match self.features.as_deref() {
             None => settings.features,
             Some("none") => FeatureSource::None,
             Some("random") => FeatureSource::Random,
             Some(_) => FeatureSource::File,
         };
+        let style = self.feature_style.map(|name| match name {
+            StyleName::Torch => FeatureStyle::Torch,
+            StyleName::Caffe => FeatureStyle::Caffe,
+        });
+        put(&mut settings.feature_style, style);
         put(&mut settings.network, self.network.map(Into::into));
         if self.network == Some(NetworkName::Unet) {
             settings.start = Start::Residual;
@@ -275,6 +311,7 @@ impl SettingArgs {
 
     fn optimizer_over(&self, settings: &mut TrainSettings) {
         put(&mut settings.learning_rate, self.learning_rate);
+        put(&mut settings.discriminator_learning_rate, self.discriminator_learning_rate);
         put(&mut settings.optimizer, self.optimizer.map(Into::into));
         put(&mut settings.betas, self.betas.as_slice().try_into().ok());
         put(&mut settings.weight_decay, self.weight_decay);
