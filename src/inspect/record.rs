@@ -26,7 +26,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         Kind::Receipt => keys_of::<Provenance>(&mut found, input),
         Kind::MadeBy => keys_of::<PartialsProvenance>(&mut found, input),
         Kind::Finished | Kind::Best => keys_of::<IgnoredAny>(&mut found, input),
-        Kind::TrainRecipe => trainings(&mut found, input),
+        Kind::TrainRecipe => keys_of::<Trainings>(&mut found, input),
         Kind::Control => {
             let object = keys_of::<IgnoredAny>(&mut found, input);
             if let (Some(_), Err(reason)) = (&object, Control::read(input.bytes)) {
@@ -99,17 +99,6 @@ fn keys_of<T: DeserializeOwned>(
 ) -> Option<Map<String, Value>> {
     let to_do = to_do(found.kind);
     typed::<T>(found, input, to_do).map(|(_, object)| object)
-}
-
-/// Reads the trainings of a recipe; lists the names of several.
-fn trainings(found: &mut Inspection, input: &Input) -> Option<Map<String, Value>> {
-    match serde_json::from_slice::<Trainings>(input.bytes) {
-        Ok(trainings) if trainings.0.len() > 1 => {
-            let names: Vec<_> = trainings.0.into_iter().map(|training| training.name).collect();
-            Some(Map::from_iter([("trainings".to_owned(), json!(names))]))
-        }
-        _ => keys_of::<Trainings>(found, input),
-    }
 }
 
 /// Parses a TOML table. Replaces nested tables by their keys, and lists of tables by their lengths.

@@ -1,15 +1,19 @@
 //! Settings of published trainings.
 
 use super::training::{FeatureSource, FeatureStyle, TrainSettings};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 /// A published training of Kim, Huo and Yoon (CVPR 2020). Both need VGG-19 weights from a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 pub enum Preset {
     /// As the paper's text: the feature loss weighs 0.2, and the rate of Adam is 1e-4. The text states no weights of the
     /// pixels' differences and of the adversarial loss; these are Glasshouse's defaults.
+    #[serde(rename = "kim2020-text")]
     Kim2020Text,
     /// As the authors' program (main.py of sookim813/Reflection_removal_rendering at b85666ab). Its feature loss contains
     /// the mean absolute difference of codes from 0 to 255, which is part of `pixel_weight` here: 1 + 0.2 x 255 = 52.
+    #[serde(rename = "kim2020-code")]
     Kim2020Code,
 }
 

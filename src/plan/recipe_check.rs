@@ -50,11 +50,20 @@ impl Recipe {
             key: key(&format!("settings.{}", e.name)),
             problem: format!("is {}, but must be {}", e.value, e.expected),
         })?;
-        if settings.features == FeatureSource::File {
-            return bad(
-                &key("settings.features"),
-                "is \"file\", but a recipe cannot name the file: remove [train] and run `glasshouse train --features FILE`",
-            );
+        match (settings.features, &training.features) {
+            (FeatureSource::File, None) => {
+                return bad(
+                    &key("settings.features"),
+                    "is \"file\", so that the training needs features = \"FILE\", the file of VGG-19's weights",
+                );
+            }
+            (FeatureSource::None | FeatureSource::Random, Some(_)) => {
+                return bad(
+                    &key("features"),
+                    "names a file of weights, but settings.features is not \"file\": set it, or remove the file",
+                );
+            }
+            _ => {}
         }
         if settings.network == NetworkKind::Unet && *backtrack_steps > 0 {
             return bad(

@@ -1,5 +1,6 @@
 //! `[train]` and `[[train]]` of a recipe: the trainings that `run` starts when all tuples are complete.
 
+use super::preset::Preset;
 use super::training::TrainSettings;
 use render::ids::SceneId;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -7,8 +8,9 @@ use serde::de::{Error, MapAccess, SeqAccess, Visitor, value};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Map, Value};
 use std::borrow::Cow;
-use std::fmt;
 use std::num::NonZeroU64;
+use std::path::{self, Path, PathBuf};
+use std::{fmt, io};
 
 /// Names that are folders in a run's `train/` for another purpose.
 const TAKEN: [&str; 3] = ["backtrack", "separation", "evaluation"];
@@ -32,6 +34,9 @@ pub struct TrainRecipe {
     /// Seeds in place of `settings.seed`: one training for each, called `NAME-seed-SEED`. They need a name.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub seeds: Vec<u64>,
+    /// File of VGG-19's weights, from the recipe's folder; `train.json` of a run has the absolute path.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub features: Option<PathBuf>,
     /// Settings of both stages. Most defaults are from the paper or from Zhang et al.
     #[serde(default)]
     pub settings: TrainSettings,
@@ -49,10 +54,24 @@ pub struct SeededTraining {
     pub backtrack_steps: u64,
     pub separation_steps: u64,
     pub checkpoint_every: Option<NonZeroU64>,
+    /// File of VGG-19's weights, if the settings need one.
+    pub features: Option<PathBuf>,
     pub settings: TrainSettings,
 }
 
 impl Trainings {
+    /// Makes the paths of the files of features absolute, from the recipe's folder.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the current folder is unknown.
+    pub fn resolve(&mut self, folder: &Path) -> io::Result<()> {
+        for features in self.0.iter_mut().filter_map(|training| training.features.as_mut()) {
+            *features = path::absolute(folder.join(&*features))?;
+        }
+        Ok(())
+    }
+
     /// Lists the trainings of all seeds, in order.
     pub fn seeded(&self) -> Vec<SeededTraining> {
         self.0.iter().flat_map(TrainRecipe::seeded).collect()
@@ -91,6 +110,7 @@ impl TrainRecipe {
             backtrack_steps: self.backtrack_steps,
             separation_steps: self.separation_steps,
             checkpoint_every: self.checkpoint_every,
+            features: self.features.clone(),
             settings,
         };
         if self.seeds.is_empty() {
@@ -127,11 +147,11 @@ pub fn check_training_name(name: &str) -> Result<(), String> {
 }
 
 impl Serialize for Trainings {
-    /// Writes a single training as a table and any other number as a list.
+    /// Writes a single training as its table, and any other number as a table with the key `trainings`.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match &self.0[..] {
             [one] => one.serialize(serializer),
-            all => all.serialize(serializer),
+            all => serializer.collect_map([("trainings", all)]),
         }
     }
 }
@@ -152,7 +172,14 @@ impl<'de> Visitor<'de> for OneOrMany {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Trainings, A::Error> {
-        let one = TrainRecipe::deserialize(value::MapAccessDeserializer::new(map))?;
+        let mut table = Map::deserialize(value::MapAccessDeserializer::new(map))?;
+        if let Some(Value::Array(all)) = table.remove("trainings") {
+            return value::SeqDeserializer::new(all.into_iter())
+                .deserialize_seq(self)
+                .map_err(|e: serde_json::Error| Error::custom(e));
+        }
+        begin_with_preset(&mut table).map_err(Error::custom)?;
+        let one = TrainRecipe::deserialize(Value::Object(table)).map_err(Error::custom)?;
         Ok(Trainings(vec![one]))
     }
 
@@ -160,6 +187,7 @@ impl<'de> Visitor<'de> for OneOrMany {
         let mut tables: Vec<Map<String, Value>> = Vec::new();
         let mut all = Vec::new();
         while let Some(mut table) = list.next_element::<Map<String, Value>>()? {
+            begin_with_preset(&mut table).map_err(Error::custom)?;
             inherit(&mut table, &tables).map_err(Error::custom)?;
             let training = TrainRecipe::deserialize(Value::Object(table.clone()));
             all.push(training.map_err(|e| Error::custom(format!("{}: {e}", name_of(&table))))?);
@@ -172,6 +200,23 @@ impl<'de> Visitor<'de> for OneOrMany {
 fn name_of(table: &Map<String, Value>) -> String {
     let name = table.get("name").and_then(Value::as_str);
     name.map_or_else(|| "a training without a name".to_owned(), |name| format!("training {name:?}"))
+}
+
+/// Replaces the key `preset` by its settings, which the table's own settings change.
+fn begin_with_preset(table: &mut Map<String, Value>) -> Result<(), String> {
+    let Some(preset) = table.remove("preset") else {
+        return Ok(());
+    };
+    let failed = |e| format!("{}: preset: {e}", name_of(table));
+    let preset = TrainSettings::preset(Preset::deserialize(preset).map_err(failed)?);
+    let mut settings = serde_json::to_value(preset).map_err(failed)?;
+    if let (Value::Object(base), Some(Value::Object(own))) =
+        (&mut settings, table.remove("settings"))
+    {
+        merge(base, own);
+    }
+    table.insert("settings".to_owned(), settings);
+    Ok(())
 }
 
 /// Replaces the key `like` of a training by all keys of the earlier training of that name which the table does not have.
@@ -206,9 +251,10 @@ impl JsonSchema for Trainings {
     }
 
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        let one = generator.subschema_for::<TrainRecipe>();
+        let mut one = TrainRecipe::json_schema(generator).to_value();
+        one["properties"]["preset"] = generator.subschema_for::<Preset>().to_value();
         // `like` may give every required key.
-        let mut listed = TrainRecipe::json_schema(generator).to_value();
+        let mut listed = one.clone();
         listed["properties"]["like"] = serde_json::json!({
             "type": "string",
             "description": "Name of a training above, whose keys hold where this one has none.",
@@ -291,6 +337,18 @@ mod tests {
         assert_eq!(name_without_seed("a-seed-1", 1), Some("a"));
         assert_eq!(name_without_seed("a-seed-1", 2), None);
         assert_eq!(name_without_seed("-seed-2", 2), None);
+    }
+
+    #[test]
+    fn presets_are_the_first_settings_and_paths_start_at_the_recipe() {
+        let text = "[train]\nseparation_steps = 5\npreset = \"kim2020-code\"\nfeatures = \"vgg.pth\"\n[train.settings]\nbatch = 2";
+        let mut one = parse(text).unwrap();
+        let expected = TrainSettings { batch: 2, ..TrainSettings::preset(Preset::Kim2020Code) };
+        assert_eq!(one.seeded()[0].settings, expected);
+        one.resolve(Path::new("/recipes")).unwrap();
+        assert_eq!(one.seeded()[0].features.as_deref(), Some(Path::new("/recipes/vgg.pth")));
+        let error = parse(&text.replace("code", "cod")).unwrap_err();
+        assert!(error.contains("preset: unknown variant `kim2020-cod`"), "{error}");
     }
 
     #[test]

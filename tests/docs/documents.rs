@@ -136,7 +136,9 @@ fn furnish(folder: &Path) {
     let index = format!("id,group,kind,blended,transmission,aligned\n{row}\n");
     std::fs::write(folder.join("pairs.csv"), index).unwrap();
     let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
-    for name in ["paper.toml", "learn.toml", "depth-ranges.toml"] {
+    for name in
+        ["paper.toml", "learn.toml", "learn-table.toml", "ablation.toml", "depth-ranges.toml"]
+    {
         let recipe = Path::new("manifests").join(name);
         std::fs::copy(repository.join(&recipe), folder.join(&recipe)).unwrap();
     }

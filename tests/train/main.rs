@@ -12,6 +12,7 @@ mod bundle;
 mod composing;
 mod evaluate;
 mod finite;
+mod names;
 mod presets;
 mod separate;
 mod shipped;

@@ -85,9 +85,11 @@ fn training(args: &PlanArgs) -> Result<Option<String>, Failure> {
     })?;
     // A file that is not a recipe is a list of scenes and has no `[train]` table.
     let recipe = std::str::from_utf8(&bytes).ok().and_then(|text| Recipe::parse(text).ok());
-    let Some(train) = recipe.and_then(|recipe| recipe.train) else {
+    let Some(mut train) = recipe.and_then(|recipe| recipe.train) else {
         return Ok(None);
     };
+    let folder = args.recipe.parent().unwrap_or(Path::new(""));
+    train.resolve(folder).map_err(|e| Failure::new(Exit::Failed, e))?;
     let mut json =
         serde_json::to_string_pretty(&train).map_err(|e| Failure::new(Exit::Failed, e))?;
     json.push('\n');

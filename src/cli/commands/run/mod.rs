@@ -33,7 +33,10 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     }
     // This call comes first, because the global thread pool can be built only once.
     #[cfg(feature = "train")]
-    crate::cli::network::use_threads(global);
+    {
+        crate::cli::network::use_threads(global);
+        training::check_features(&plan.recipe)?;
+    }
     plan_with(plan, global, output)?;
     let folder = run_folder(plan);
     let mut run = Run::open(&folder, &Roots::parse(&plan.roots.roots)?)?;

@@ -3,11 +3,11 @@
 use crate::cli::args::Global;
 use crate::cli::commands::evaluate::{evaluate_run, evaluation_folder};
 use crate::cli::commands::train::{train, train_recipe, training_of};
-use crate::cli::exit_code::{Exit, Failure};
+use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::output::Output;
 use crate::run::Run;
 use crate::store::Store;
-use plan::{SeededTraining, Stage, TrainSettings};
+use plan::{Recipe, SeededTraining, Stage, TrainSettings};
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -76,6 +76,7 @@ pub(super) fn training(
         let settings = |_: Option<&TrainSettings>| training.settings.clone();
         let of_stage = Training {
             name: training.name.clone(),
+            features: training.features.clone(),
             // A validation takes longer than a step of small networks, so only about four take place.
             checkpoint_every: Some(
                 training.checkpoint_every.map_or((steps / 4).max(1), NonZeroU64::get),
@@ -98,6 +99,28 @@ pub(super) fn training(
         trained.exit = exit;
     }
     Ok(Some(trained))
+}
+
+/// Fails if a training of the recipe needs a file of features that does not exist, before any scene is traced.
+pub(super) fn check_features(recipe: &Path) -> Result<(), Failure> {
+    // Planning reports a recipe that cannot be read, and a list of scenes has no trainings.
+    let text = render::input_file::read_to_string(recipe).unwrap_or_default();
+    let Some(trainings) = Recipe::parse(&text).ok().and_then(|recipe| recipe.train) else {
+        return Ok(());
+    };
+    let folder = recipe.parent().unwrap_or(Path::new(""));
+    for features in trainings.0.iter().filter_map(|training| training.features.as_ref()) {
+        let path = folder.join(features);
+        if !path.is_file() {
+            return Err(failure!(
+                Exit::InvalidInput,
+                "{} is missing, and [train] of {} needs it: docs/training.md shows how to make VGG-19's weights; `glasshouse plan` and `glasshouse work` make tuples without training",
+                path.display(),
+                recipe.display()
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Lists the stages of a training that have steps.

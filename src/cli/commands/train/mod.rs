@@ -124,7 +124,10 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
         from,
         select: args.select.as_ref().map(select).transpose()?,
         pairs: real.map(|folder| real_pairs(folder, output)).transpose()?,
-        features: weights_file(args.settings.features.as_deref()).map(Path::to_owned),
+        features: match args.settings.features.as_deref() {
+            None => recipe.as_ref().and_then(|recipe| recipe.features.clone()),
+            typed => weights_file(typed).map(Path::to_owned),
+        },
         device: args.device.open()?,
         checkpoint_every: args.checkpoint_every,
         keep: args.keep,
