@@ -139,7 +139,8 @@ mod tests {
     fn a_factor_is_free_after_the_score() {
         let captured = picture(1);
         let found = similarity(&Factor(0.5).apply(&captured), &captured).unwrap();
-        assert_eq!(found.factor, Factor(2.0));
+        // The codes of the darker picture are rounded, so the best factor may be a step away.
+        assert!((found.factor.0 - 2.0).abs() < 0.015, "{found:?}");
         assert!(found.after_factor.psnr_colour_db > found.raw.psnr_colour_db + 20.0, "{found:?}");
         assert_eq!(found.after_factor.psnr_colour_db, found.raw.psnr_own_factor_db);
         assert!(similarity(&RgbImage::new(48, 39), &captured).is_err());
