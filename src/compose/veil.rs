@@ -36,8 +36,8 @@ impl VeilRule {
 
     /// Applies the rule to a picture and returns sRGB codes.
     pub fn apply(self, picture: &RgbImage) -> RgbImage {
-        let encoder = SrgbEncoder::new();
-        let tables = veil_codes(picture).map(|veil| self.table(&encoder, veil));
+        let codes = Codes::default();
+        let tables = veil_codes(picture).map(|veil| self.table(&codes, veil));
         let mut changed = picture.clone();
         for Rgb(pixel) in changed.pixels_mut() {
             for (code, table) in pixel.iter_mut().zip(&tables) {
@@ -47,12 +47,23 @@ impl VeilRule {
         changed
     }
 
-    fn table(self, encoder: &SrgbEncoder, veil: u8) -> CodeTable {
-        let light = |code: u8| f64::from(srgb_to_linear(code));
-        std::array::from_fn(|code| {
-            let left = light(code as u8) - self.k * light(veil);
-            encoder.encode((self.g * left).max(0.0) as f32)
-        })
+    fn table(self, codes: &Codes, veil: u8) -> CodeTable {
+        let taken = self.k * codes.light[usize::from(veil)];
+        codes.light.map(|light| codes.encoder.encode((self.g * (light - taken)).max(0.0) as f32))
+    }
+}
+
+/// Conversions between codes and light. A fit makes a hundred million of them.
+struct Codes {
+    encoder: SrgbEncoder,
+    /// Linear light of each code.
+    light: [f64; 256],
+}
+
+impl Default for Codes {
+    fn default() -> Self {
+        let light = std::array::from_fn(|code| f64::from(srgb_to_linear(code as u8)));
+        Self { encoder: SrgbEncoder::new(), light }
     }
 }
 
@@ -97,14 +108,14 @@ pub(super) fn fit_veil(pictures: &[OfFit]) -> VeilRule {
     if pictures.is_empty() {
         return VeilRule { g: 1.0, k: 0.0 };
     }
-    let encoder = SrgbEncoder::new();
+    let codes = Codes::default();
     let rules: Vec<VeilRule> = TENTHS_OF_K
         .flat_map(|k| HUNDREDTHS_OF_G.map(move |g| (g, k)))
         .map(|(g, k)| VeilRule { g: f64::from(g) / 100.0, k: f64::from(k) / 10.0 })
         .collect();
     let sum_db = |rule: &VeilRule| {
         let psnrs_db = pictures.iter().map(|(sums, veil)| {
-            let [r, g, b] = veil.map(|veil| rule.table(&encoder, veil));
+            let [r, g, b] = veil.map(|veil| rule.table(&codes, veil));
             sums.finite_psnr_db([&r, &g, &b])
         });
         psnrs_db.sum::<f64>()
@@ -158,7 +169,7 @@ mod tests {
         assert!(psnr_db(rule) > psnr_db(VeilRule { k: 0.0, ..rule }) + 3.0);
         assert!(psnr_db(rule) > psnr_db(VeilRule { g: 1.0, ..rule }));
         // The sums give the PSNR of the rule's pictures.
-        let [r, g, b] = of_fit.1.map(|veil| rule.table(&SrgbEncoder::new(), veil));
+        let [r, g, b] = of_fit.1.map(|veil| rule.table(&Codes::default(), veil));
         assert!((of_fit.0.psnr_db([&r, &g, &b]) - psnr_db(rule)).abs() < 1e-9);
         assert_eq!(fit_veil(&[]).apply(&veiled), veiled);
     }

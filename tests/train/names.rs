@@ -84,13 +84,14 @@ fn a_recipe_trains_several_networks() {
     let has_row = |name: &str| table.contains(&format!("| {name} "));
     assert!(has_row("net") && has_row("bounded") && !has_row("net-seed-1"), "{table}");
     // The same command finds nothing to do.
-    let again = run(&["run", text(&recipe), "--out", text(&place), "--json"]).expect(0).json();
+    let again = run(&["run", text(&recipe), "--out", text(&place), "-j", "1", "--json"]);
+    let again = again.expect(0).json();
     assert_eq!(again["train"]["bounded/separation"]["steps_taken"], 0);
     names_on_the_command_line(&place, folder.path());
 }
 
 fn names_on_the_command_line(place: &Path, folder: &Path) {
-    let train = |more: &[&str]| run(&[&["train", text(place), "--json"], more].concat());
+    let train = |more: &[&str]| run(&[&["train", text(place), "-j", "1", "--json"], more].concat());
     // The recipe gives stage, steps and settings; more steps continue.
     let json = train(&["--name", "net-seed-1"]).expect(0).json();
     assert_eq!((&json["step"], &json["steps_taken"]), (&4.into(), &0.into()));
