@@ -43,6 +43,8 @@ pub fn main() -> ExitCode {
         }
     };
     let output = Output::new(&args.global);
+    #[cfg(feature = "train")]
+    network::limit_candle_threads(&args.global);
     // The stores' HTTP client has no TLS provider of its own; without a default, the first connection panics.
     let _ = rustls::crypto::ring::default_provider().install_default();
     watchdog::start(args.global.hang_s, Output::new(&args.global));

@@ -54,6 +54,17 @@ pub(super) fn use_threads(global: &Global) -> usize {
     threads
 }
 
+/// Limits candle's own threads, which spin while they wait, to those of `-j`. candle reads the number from the environment
+/// when it first uses them. Must be called before the program starts other threads.
+#[allow(unsafe_code, reason = "a variable of the environment is set")]
+pub(super) fn limit_candle_threads(global: &Global) {
+    const NAME: &str = "CANDLE_NUM_THREADS";
+    if std::env::var_os(NAME).is_none() {
+        // SAFETY: no other thread runs yet, so none reads the environment.
+        unsafe { std::env::set_var(NAME, threads(global).to_string()) };
+    }
+}
+
 /// Returns the file of VGG-19 weights, if `--features` names one.
 pub(super) fn weights_file(typed: Option<&str>) -> Option<&Path> {
     typed.filter(|typed| !["none", "random"].contains(typed)).map(Path::new)

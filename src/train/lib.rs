@@ -7,7 +7,7 @@
 //! ops/              operations that candle computes slowly or with wrong gradients
 //! vgg, vgg_file     frozen features of images           checkpoint    a folder per step, written atomically
 //! generator         architecture of SP-net and BT-net   logs, metrics, events, picture    logs of training
-//! unet, unet_op     the U-Net, as one operation         separation_net        either network
+//! unet, unet_op, unet_images    the U-Net, as one operation    separation_net    either network
 //! learner_losses    losses of a batch
 //! discriminator     conditional PatchGAN                inference     networks on images of any size
 //! loss, adam        losses and optimiser                separator     the networks of a checkpoint
@@ -61,6 +61,7 @@ mod source;
 mod srgb_planes;
 mod tiles;
 mod unet;
+mod unet_images;
 mod unet_op;
 mod validation;
 mod vgg;

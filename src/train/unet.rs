@@ -2,6 +2,7 @@
 //! a pixel's result depends on its neighbourhood alone.
 
 use super::generator::{See, frozen, learning, numbered};
+use super::ops::buffers::Buffers;
 use super::ops::{
     Window, conv2d_bias_leaky, double_and_join, mean_pool2, pad_to_multiple, shuffle2, unshuffle2,
 };
@@ -36,6 +37,8 @@ pub struct Unet {
     last_bias: Var,
     /// Layers of [`UnetOp`], which has the same result as the operations of [`Self::by_layers`].
     layers: Arc<Vec<Layer>>,
+    /// Memory of the images of training steps.
+    buffers: Arc<Buffers>,
 }
 
 impl Unet {
@@ -50,6 +53,7 @@ impl Unet {
             last: Var::zeros((CHANNELS, widths[0], 3, 3), DType::F32, device)?,
             last_bias: Var::zeros(CHANNELS, DType::F32, device)?,
             layers: Arc::new(layers),
+            buffers: Arc::new(Buffers::reused()),
         };
         let before_last = net.layers.len() - 1;
         for (layer, at) in net.layers[..before_last].iter().enumerate() {
@@ -97,7 +101,11 @@ impl Unet {
             .map(|(_, variable)| see(variable).flatten_all())
             .collect::<Result<_>>()?;
         let weights = Tensor::cat(&weights, 0)?;
-        let op = UnetOp::new(&self.layers, weights.track_op());
+        let op = if weights.track_op() {
+            UnetOp::with_gradient(&self.layers, &self.buffers)
+        } else {
+            UnetOp::new(&self.layers)
+        };
         images.contiguous()?.apply_op2(&weights, op)
     }
 
@@ -228,6 +236,23 @@ mod tests {
             })
         };
         assert!(of(1) == of(3));
+    }
+
+    #[test]
+    fn steps_use_the_memory_of_earlier_steps() {
+        let (net, images) = busy_net(4);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let waiting: Vec<usize> = (0..3)
+            .map(|_| {
+                pool.install(|| {
+                    let y = net.forward(&images).unwrap();
+                    y.sqr().unwrap().sum_all().unwrap().backward().unwrap();
+                });
+                net.buffers.waiting()
+            })
+            .collect();
+        assert!(waiting[0] > 0);
+        assert_eq!(waiting, [waiting[0]; 3]);
     }
 
     #[test]

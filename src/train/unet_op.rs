@@ -1,8 +1,13 @@
 //! The U-Net as one operation on the CPU, with its own gradient. It is several times as fast as its layers as separate
 //! operations: images stay in the layout of `ops/direct.rs`, and candle stores and adds no gradients between layers.
 
-use super::ops::direct::{Image, Kernel, add_kernel_gradient, convolve};
+use super::ops::buffers::Buffers;
+use super::ops::direct::{add_kernel_gradient, convolve};
+use super::ops::image::{Image, Kernel};
 use super::ops::values;
+use super::unet_images::{
+    doubled, each_residual, gather, joined, parted, pooled, through_leaky, unshuffled,
+};
 use candle_core::{CpuStorage, CustomOp2, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
@@ -57,9 +62,9 @@ impl Layer {
 
     fn kernel(&self, weights: &[f32]) -> Kernel {
         let mut kernel = Kernel::zeros(self.padded_inputs(), self.outputs);
-        let (inputs, outputs) = (kernel.inputs, kernel.outputs);
-        self.each_weight(|at, [y, x], output, input| {
-            kernel.values[((y * 3 + x) * inputs + input) * outputs + output] = weights[at];
+        self.each_weight(|at, pixel, output, input| {
+            let place = kernel.index(pixel, input, output);
+            kernel.values[place] = weights[at];
         });
         kernel
     }
@@ -67,10 +72,9 @@ impl Layer {
     /// Returns the kernel rotated by 180 degrees, with inputs and outputs exchanged.
     fn turned_kernel(&self, weights: &[f32]) -> Kernel {
         let mut kernel = Kernel::zeros(self.outputs, self.padded_inputs());
-        let (inputs, outputs) = (kernel.inputs, kernel.outputs);
         self.each_weight(|at, [y, x], output, input| {
-            let pixel = (2 - y) * 3 + 2 - x;
-            kernel.values[(pixel * inputs + output) * outputs + input] = weights[at];
+            let place = kernel.index([2 - y, 2 - x], output, input);
+            kernel.values[place] = weights[at];
         });
         kernel
     }
@@ -100,24 +104,44 @@ pub(super) struct UnetOp {
     /// Layers in the order of use, two for each size and one more.
     layers: Arc<Vec<Layer>>,
     /// The images of the forward pass, if the operation needs a gradient.
-    tapes: Option<Arc<OnceLock<Vec<Tape>>>>,
+    kept: Option<Arc<Kept>>,
+}
+
+/// The images of a forward pass, whose memory returns to the buffers with the last user.
+struct Kept {
+    tapes: OnceLock<Vec<Tape>>,
+    buffers: Arc<Buffers>,
+}
+
+impl Drop for Kept {
+    fn drop(&mut self) {
+        for (_, image) in self.tapes.take().into_iter().flatten().flatten() {
+            self.buffers.put(image.values);
+        }
+    }
 }
 
 impl UnetOp {
-    /// Creates the operation of one forward pass. `keeps` is true if the weights get a gradient.
-    pub(super) fn new(layers: &Arc<Vec<Layer>>, keeps: bool) -> Self {
-        Self { layers: Arc::clone(layers), tapes: keeps.then(Arc::default) }
+    /// Creates the operation of one forward pass, whose weights get no gradient.
+    pub(super) fn new(layers: &Arc<Vec<Layer>>) -> Self {
+        Self { layers: Arc::clone(layers), kept: None }
+    }
+
+    /// Creates the operation of one forward pass and one backward pass.
+    pub(super) fn with_gradient(layers: &Arc<Vec<Layer>>, buffers: &Arc<Buffers>) -> Self {
+        let kept = Kept { tapes: OnceLock::new(), buffers: Arc::clone(buffers) };
+        Self { layers: Arc::clone(layers), kept: Some(Arc::new(kept)) }
     }
 
     /// Computes the images of the network. Without a gradient, images that are used up become empty.
-    fn forward(&self, kernels: &[(Kernel, Vec<f32>)], given: Image) -> Tape {
+    fn forward(&self, kernels: &[(Kernel, Vec<f32>)], given: Image, buffers: &Buffers) -> Tape {
         let mut tape: Tape = vec![(Made::Given, given)];
-        let keeps = self.tapes.is_some();
+        let keeps = self.kept.is_some();
         let mut layer = 0;
         let mut convolved = |tape: &mut Tape, skips: &[usize]| {
             let (kernel, bias) = &kernels[layer];
             let image = tape.len() - 1;
-            let out = convolve(&tape[image].1, kernel, bias, self.layers[layer].slope);
+            let out = convolve(&tape[image].1, kernel, bias, self.layers[layer].slope, buffers);
             if !keeps && !skips.contains(&image) {
                 tape[image].1.values = Vec::new();
             }
@@ -131,13 +155,14 @@ impl UnetOp {
         for _ in 0..sizes {
             let image = tape.len() - 1;
             skips.push(image);
-            tape.push((Made::Pooled { image }, pooled(&tape[image].1)));
+            tape.push((Made::Pooled { image }, pooled(&tape[image].1, buffers)));
             convolved(&mut tape, &skips);
             convolved(&mut tape, &skips);
         }
         while let Some(skip) = skips.pop() {
             let image = tape.len() - 1;
-            tape.push((Made::Joined { image, skip }, joined(&tape[image].1, &tape[skip].1)));
+            let whole = joined(&tape[image].1, &tape[skip].1, buffers);
+            tape.push((Made::Joined { image, skip }, whole));
             if !keeps {
                 tape[image].1.values = Vec::new();
                 tape[skip].1.values = Vec::new();
@@ -178,18 +203,21 @@ impl CustomOp2 for UnetOp {
         let len = 3 * rows * columns;
         let mut out = images.to_vec();
         let multiple = 2 << (self.layers.len() / 4);
+        let freed = Buffers::default();
+        let buffers = self.kept.as_ref().map_or(&freed, |kept| &kept.buffers);
         let tapes: Vec<Tape> = out
             .par_chunks_exact_mut(len)
             .zip(images.par_chunks_exact(len))
             .map(|(out, image)| {
-                let tape = self.forward(&kernels, unshuffled(image, [rows, columns], multiple));
+                let given = unshuffled(image, [rows, columns], multiple, buffers);
+                let tape = self.forward(&kernels, given, buffers);
                 each_residual(last(&tape), [rows, columns], |at, residual| out[at] += residual);
                 tape
             })
             .collect();
-        if let Some(kept) = &self.tapes {
+        if let Some(kept) = &self.kept {
             // Each operation has one forward pass.
-            let _ = kept.set(tapes);
+            let _ = kept.tapes.set(tapes);
         }
         Ok((CpuStorage::F32(out), layout.shape().clone()))
     }
@@ -201,10 +229,10 @@ impl CustomOp2 for UnetOp {
         _result: &Tensor,
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>)> {
-        let Some(tapes) = &self.tapes else {
+        let Some(kept) = &self.kept else {
             candle_core::bail!("unet: the forward pass kept no images for a gradient");
         };
-        let op = Backward { layers: Arc::clone(&self.layers), tapes: Arc::clone(tapes) };
+        let op = Backward { layers: Arc::clone(&self.layers), kept: Arc::clone(kept) };
         let of_weights = gradient.contiguous()?.apply_op2_no_bwd(weights, &op)?;
         Ok((None, Some(of_weights)))
     }
@@ -213,7 +241,7 @@ impl CustomOp2 for UnetOp {
 /// Operation for the gradient of all weights, from the gradient of T* and the weights.
 struct Backward {
     layers: Arc<Vec<Layer>>,
-    tapes: Arc<OnceLock<Vec<Tape>>>,
+    kept: Arc<Kept>,
 }
 
 impl CustomOp2 for Backward {
@@ -231,7 +259,7 @@ impl CustomOp2 for Backward {
         let (_, _, rows, columns) = layout.shape().dims4()?;
         let gradient = values("unet", gradient, layout)?;
         let weights = values("unet", weights, weights_layout)?;
-        let Some(tapes) = self.tapes.get() else {
+        let Some(tapes) = self.kept.tapes.get() else {
             candle_core::bail!("unet: there was no forward pass");
         };
         let turned: Vec<Kernel> =
@@ -245,10 +273,14 @@ impl CustomOp2 for Backward {
                 let mut sums = Sums::zeros(&self.layers);
                 for (tape, gradient) in tapes.iter().zip(gradients.chunks_exact(len)) {
                     let residual = last(tape);
-                    let mut given =
-                        Image::zeros(residual.rows, residual.columns, residual.channels);
+                    let mut given = Image::zeros(
+                        residual.rows,
+                        residual.columns,
+                        residual.channels,
+                        &self.kept.buffers,
+                    );
                     gather(&mut given, [rows, columns], gradient);
-                    sums.add(&self.layers, &turned, tape, given);
+                    sums.add(&self.layers, &turned, tape, given, &self.kept.buffers);
                 }
                 sums
             })
@@ -259,9 +291,8 @@ impl CustomOp2 for Backward {
             .reduce(|sum, part| sum.plus(&part))
             .unwrap_or_else(|| Sums::zeros(&[]));
         for (layer, (kernel, bias)) in self.layers.iter().zip(&total.0) {
-            let (inputs, outputs) = (kernel.inputs, kernel.outputs);
-            layer.each_weight(|at, [y, x], output, input| {
-                out[at] = kernel.values[((y * 3 + x) * inputs + input) * outputs + output];
+            layer.each_weight(|at, pixel, output, input| {
+                out[at] = kernel.values[kernel.index(pixel, input, output)];
             });
             out[layer.bias_at..][..layer.outputs].copy_from_slice(&bias[..layer.outputs]);
         }
@@ -291,13 +322,23 @@ impl Sums {
     }
 
     /// Adds the gradients for one image of the batch, given the gradient of the last image of its tape.
-    fn add(&mut self, layers: &[Layer], turned: &[Kernel], tape: &Tape, residual: Image) {
+    fn add(
+        &mut self,
+        layers: &[Layer],
+        turned: &[Kernel],
+        tape: &Tape,
+        residual: Image,
+        buffers: &Buffers,
+    ) {
         let mut gradients: Vec<Option<Image>> = tape.iter().map(|_| None).collect();
         let add =
             |gradients: &mut Vec<Option<Image>>, number: usize, part: Image| match &mut gradients
                 [number]
             {
-                Some(sum) => sum.values.iter_mut().zip(part.values).for_each(|(s, p)| *s += p),
+                Some(sum) => {
+                    sum.values.iter_mut().zip(&part.values).for_each(|(s, p)| *s += p);
+                    buffers.put(part.values);
+                }
                 none => *none = Some(part),
             };
         if let Some(place) = gradients.last_mut() {
@@ -315,144 +356,23 @@ impl Sums {
                     add_kernel_gradient(&tape[from].1, &gradient, kernel);
                     if !matches!(tape[from].0, Made::Given) {
                         let none = vec![0.0; turned[layer].outputs];
-                        let part = convolve(&gradient, &turned[layer], &none, 1.0);
+                        let part = convolve(&gradient, &turned[layer], &none, 1.0, buffers);
                         add(&mut gradients, from, part);
                     }
                 }
                 Made::Pooled { image } => {
-                    let mut part =
-                        Image::zeros(2 * gradient.rows, 2 * gradient.columns, gradient.channels);
+                    let [rows, columns] = [2 * gradient.rows, 2 * gradient.columns];
+                    let mut part = Image::unwritten(rows, columns, gradient.channels, buffers);
                     doubled(&gradient, 0.25, &mut part);
                     add(&mut gradients, image, part);
                 }
                 Made::Joined { image, skip } => {
-                    let (small, large) = parted(&gradient, tape[image].1.channels);
+                    let (small, large) = parted(&gradient, tape[image].1.channels, buffers);
                     add(&mut gradients, image, small);
                     add(&mut gradients, skip, large);
                 }
             }
+            buffers.put(gradient.values);
         }
     }
-}
-
-/// Multiplies a gradient by the slope where the result is not positive, and adds its sums over all pixels.
-fn through_leaky(gradient: &mut Image, result: &Image, slope: f32, sums: &mut [f32]) {
-    for row in 0..gradient.rows {
-        let mut of_row = vec![0.0; sums.len()];
-        let pixels = gradient.row_mut(row).chunks_exact_mut(sums.len());
-        for (gradient, result) in pixels.zip(result.row(row).chunks_exact(sums.len())) {
-            for ((gradient, result), sum) in gradient.iter_mut().zip(result).zip(&mut of_row) {
-                *gradient *= if *result > 0.0 { 1.0 } else { slope };
-                *sum += *gradient;
-            }
-        }
-        sums.iter_mut().zip(of_row).for_each(|(sum, part)| *sum += part);
-    }
-}
-
-/// Returns 2 x 2 px of an image (3, rows, columns) as twelve channels, less 0.5, for sizes that are padded to multiples
-/// of `multiple` with the last row and column.
-fn unshuffled(image: &[f32], [rows, columns]: [usize; 2], multiple: usize) -> Image {
-    let half = |length: usize| length.next_multiple_of(multiple) / 2;
-    let mut out = Image::zeros(half(rows), half(columns), 12);
-    let channels = out.channels;
-    for row in 0..out.rows {
-        for (column, pixel) in out.row_mut(row).chunks_exact_mut(channels).enumerate() {
-            for (channel, value) in pixel[..12].iter_mut().enumerate() {
-                let (plane, y, x) = (channel / 4, channel / 2 % 2, channel % 2);
-                let (y, x) = ((2 * row + y).min(rows - 1), (2 * column + x).min(columns - 1));
-                *value = image[(plane * rows + y) * columns + x] - 0.5;
-            }
-        }
-    }
-    out
-}
-
-/// Calls `with` with the place in (3, rows, columns) and the value of each residual.
-fn each_residual(residual: &Image, [rows, columns]: [usize; 2], mut with: impl FnMut(usize, f32)) {
-    for plane in 0..3 {
-        for y in 0..rows {
-            let row = residual.row(y / 2);
-            for x in 0..columns {
-                let channel = plane * 4 + y % 2 * 2 + x % 2;
-                let value = row[x / 2 * residual.channels + channel];
-                with((plane * rows + y) * columns + x, value);
-            }
-        }
-    }
-}
-
-/// Writes a gradient (3, rows, columns) to twelve channels of 2 x 2 px; the gradient of padding is 0.
-fn gather(out: &mut Image, [rows, columns]: [usize; 2], gradient: &[f32]) {
-    let channels = out.channels;
-    for plane in 0..3 {
-        for y in 0..rows {
-            let row = out.row_mut(y / 2);
-            for x in 0..columns {
-                let channel = plane * 4 + y % 2 * 2 + x % 2;
-                row[x / 2 * channels + channel] = gradient[(plane * rows + y) * columns + x];
-            }
-        }
-    }
-}
-
-/// Returns the 2 x 2 px sums of the first channels, times `factor`.
-fn sums_of_four(image: &Image, channels: usize, factor: f32) -> Image {
-    let mut out = Image::zeros(image.rows / 2, image.columns / 2, channels);
-    for row in 0..out.rows {
-        let (upper, lower) = (image.row(2 * row), image.row(2 * row + 1));
-        for (pixel, sums) in out.row_mut(row).chunks_exact_mut(channels).enumerate() {
-            let left = 2 * pixel * image.channels..2 * pixel * image.channels + channels;
-            let right = left.start + image.channels..left.end + image.channels;
-            let (a, b) = (&upper[left.clone()], &upper[right.clone()]);
-            let (c, d) = (&lower[left], &lower[right]);
-            for (k, sum) in sums.iter_mut().enumerate() {
-                *sum = ((a[k] + b[k]) + (c[k] + d[k])) * factor;
-            }
-        }
-    }
-    out
-}
-
-fn pooled(image: &Image) -> Image {
-    sums_of_four(image, image.channels, 0.25)
-}
-
-/// Writes each pixel, times `factor`, to 2 x 2 px of the first channels of `out`.
-fn doubled(image: &Image, factor: f32, out: &mut Image) {
-    let (channels, all) = (image.channels, out.channels);
-    for row in 0..out.rows {
-        let from = image.row(row / 2);
-        for (column, pixel) in out.row_mut(row).chunks_exact_mut(all).enumerate() {
-            let from = &from[column / 2 * channels..][..channels];
-            pixel.iter_mut().zip(from).for_each(|(out, value)| *out = value * factor);
-        }
-    }
-}
-
-/// Doubles an image and appends the channels of `skip`, which has twice its size.
-fn joined(image: &Image, skip: &Image) -> Image {
-    let mut out = Image::zeros(skip.rows, skip.columns, image.channels + skip.channels);
-    doubled(image, 1.0, &mut out);
-    for row in 0..out.rows {
-        let all = out.channels;
-        let pixels = out.row_mut(row).chunks_exact_mut(all);
-        for (pixel, from) in pixels.zip(skip.row(row).chunks_exact(skip.channels)) {
-            pixel[image.channels..].copy_from_slice(from);
-        }
-    }
-    out
-}
-
-/// Inverts [`joined`] for a gradient: the sums of 2 x 2 px of the first channels, and the other channels.
-fn parted(gradient: &Image, channels: usize) -> (Image, Image) {
-    let rest = gradient.channels - channels;
-    let mut skip = Image::zeros(gradient.rows, gradient.columns, rest);
-    for row in 0..gradient.rows {
-        let pixels = skip.row_mut(row).chunks_exact_mut(rest);
-        for (pixel, from) in pixels.zip(gradient.row(row).chunks_exact(gradient.channels)) {
-            pixel.copy_from_slice(&from[channels..]);
-        }
-    }
-    (sums_of_four(gradient, channels, 1.0), skip)
 }

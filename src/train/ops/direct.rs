@@ -7,85 +7,29 @@
     reason = "functions compiled for AVX2 and AVX-512, with pointers in inner loops"
 )]
 
+use super::buffers::Buffers;
+use super::image::{Image, Kernel};
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx512};
 use super::lanes::{LANES, Lanes, Plain};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Number of rows that one thread convolves at a time.
 const ROWS_AT_ONCE: usize = 32;
 
-/// One image: (rows + 2, columns + 2, channels) numbers.
-#[derive(Clone, Debug)]
-pub(crate) struct Image {
-    pub(crate) rows: usize,
-    pub(crate) columns: usize,
-    /// Number of channels, a multiple of 16; those past the image's own are 0.
-    pub(crate) channels: usize,
-    pub(crate) values: Vec<f32>,
-}
-
-impl Image {
-    /// Creates a black image. `channels` is rounded up.
-    pub(crate) fn zeros(rows: usize, columns: usize, channels: usize) -> Self {
-        let channels = channels.next_multiple_of(LANES);
-        let values = vec![0.0; (rows + 2) * (columns + 2) * channels];
-        Self { rows, columns, channels, values }
-    }
-
-    /// Returns the number of values in a row with its border.
-    fn stride(&self) -> usize {
-        (self.columns + 2) * self.channels
-    }
-
-    /// Returns the pixels of a row, without the border.
-    pub(crate) fn row(&self, row: usize) -> &[f32] {
-        let start = (row + 1) * self.stride() + self.channels;
-        &self.values[start..start + self.columns * self.channels]
-    }
-
-    /// Returns the pixels of a row for writing.
-    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [f32] {
-        let start = (row + 1) * self.stride() + self.channels;
-        &mut self.values[start..start + self.columns * self.channels]
-    }
-
-    fn check(&self) {
-        assert!(self.channels.is_multiple_of(LANES), "channels must be a multiple of 16");
-        assert_eq!(
-            self.values.len(),
-            (self.rows + 2) * self.stride(),
-            "the image has another size"
-        );
-    }
-}
-
-/// A kernel in the order (row, column, input, output), with inputs and outputs padded to multiples of 16.
-#[derive(Clone, Debug)]
-pub(crate) struct Kernel {
-    pub(crate) inputs: usize,
-    pub(crate) outputs: usize,
-    pub(crate) values: Vec<f32>,
-}
-
-impl Kernel {
-    pub(crate) fn zeros(inputs: usize, outputs: usize) -> Self {
-        let [inputs, outputs] = [inputs, outputs].map(|count| count.next_multiple_of(LANES));
-        Self { inputs, outputs, values: vec![0.0; 9 * inputs * outputs] }
-    }
-
-    fn check(&self) {
-        assert_eq!(
-            self.values.len(),
-            9 * self.inputs * self.outputs,
-            "the kernel has another size"
-        );
-    }
-}
+/// Least number of pixels of an image whose part of a kernel's gradient is summed at a time.
+const PIXELS_AT_ONCE: usize = 64;
 
 /// Convolves an image, adds the bias of each output channel, and multiplies negative results by `slope`, from 0 to 1.
-pub(crate) fn convolve(image: &Image, kernel: &Kernel, bias: &[f32], slope: f32) -> Image {
-    let mut out = Image::zeros(image.rows, image.columns, kernel.outputs);
+pub(crate) fn convolve(
+    image: &Image,
+    kernel: &Kernel,
+    bias: &[f32],
+    slope: f32,
+    buffers: &Buffers,
+) -> Image {
+    let mut out = Image::unwritten(image.rows, image.columns, kernel.outputs, buffers);
     image.check();
     kernel.check();
     assert!(image.channels == kernel.inputs && bias.len() == kernel.outputs, "wrong channels");
@@ -205,7 +149,7 @@ unsafe fn convolve_by<L: Lanes>(call: Call, first_row: usize, out: &mut [f32]) {
             unsafe {
                 match count {
                     1 if L::IS_WIDE => one_row::<L, 16, 1>(call, row, first, out),
-                    1 => one_row::<L, 4, 1>(call, row, first, out),
+                    1 => one_row::<L, 6, 1>(call, row, first, out),
                     2 => one_row::<L, 8, 2>(call, row, first, out),
                     3 => one_row::<L, 8, 3>(call, row, first, out),
                     _ => one_row::<L, 4, 4>(call, row, first, out),
@@ -216,7 +160,7 @@ unsafe fn convolve_by<L: Lanes>(call: Call, first_row: usize, out: &mut [f32]) {
     }
 }
 
-/// Convolves a row for `C` vectors of output channels, `P` pixels at a time, and then one at a time.
+/// Convolves a row for `C` vectors of output channels, `P` pixels at a time, and then four, two and one at a time.
 #[inline(always)]
 unsafe fn one_row<L: Lanes, const P: usize, const C: usize>(
     call: Call,
@@ -225,16 +169,22 @@ unsafe fn one_row<L: Lanes, const P: usize, const C: usize>(
     out: &mut [f32],
 ) {
     let mut column = 0;
-    while column < call.image.columns {
-        // SAFETY: the pixels are inside the row.
-        unsafe {
-            if column + P <= call.image.columns {
-                pixels::<L, P, C>(call, [row, column], first, out);
-                column += P;
-            } else {
-                pixels::<L, 1, C>(call, [row, column], first, out);
-                column += 1;
-            }
+    // SAFETY: the pixels are inside the row.
+    unsafe {
+        while column + P <= call.image.columns {
+            pixels::<L, P, C>(call, [row, column], first, out);
+            column += P;
+        }
+        while column + 4 <= call.image.columns {
+            pixels::<L, 4, C>(call, [row, column], first, out);
+            column += 4;
+        }
+        while column + 2 <= call.image.columns {
+            pixels::<L, 2, C>(call, [row, column], first, out);
+            column += 2;
+        }
+        if column < call.image.columns {
+            pixels::<L, 1, C>(call, [row, column], first, out);
         }
     }
 }
@@ -260,11 +210,11 @@ unsafe fn pixels<L: Lanes, const P: usize, const C: usize>(
             for x in 0..3 {
                 let from = image.values.as_ptr();
                 let from = from.add((row + y) * image.stride() + (column + x) * inputs);
-                let weights = kernel.values.as_ptr().add((y * 3 + x) * inputs * outputs + first);
-                for input in 0..inputs {
+                let weights = kernel.values.as_ptr().add(kernel.at(y * 3 + x, 0, first));
+                for input in 0..kernel.used_inputs {
                     let mut vectors = [L::splat(0.0); C];
                     for (c, vector) in vectors.iter_mut().enumerate() {
-                        *vector = L::load(weights.add(input * outputs + c * LANES));
+                        *vector = L::load(weights.add((c * 9 * inputs + input) * LANES));
                     }
                     for (p, sums) in sums.iter_mut().enumerate() {
                         let value = L::splat(*from.add(p * inputs + input));
@@ -285,19 +235,26 @@ unsafe fn pixels<L: Lanes, const P: usize, const C: usize>(
 }
 
 /// Adds a kernel's gradient with one set of instructions. The sizes must fit, and the CPU must have the instructions.
+///
+/// A few rows at a time stay in the cache for all inputs, outputs and places of the kernel.
 #[inline(always)]
 unsafe fn gradient_by<L: Lanes>(image: &Image, gradient: &Image, sum: &mut Kernel) {
-    for place in 0..9 {
+    let at_once = PIXELS_AT_ONCE.div_ceil(gradient.columns.max(1));
+    for first in (0..gradient.rows).step_by(at_once) {
+        let rows = first..(first + at_once).min(gradient.rows);
         for output in (0..sum.outputs).step_by(LANES) {
-            // SAFETY: the place, the vector of outputs and all inputs are inside the kernel.
-            unsafe {
-                if L::IS_WIDE {
-                    for input in (0..sum.inputs).step_by(16) {
-                        inputs::<L, 16>(image, gradient, sum, [place, input, output]);
-                    }
-                } else {
-                    for input in (0..sum.inputs).step_by(4) {
-                        inputs::<L, 4>(image, gradient, sum, [place, input, output]);
+            for place in 0..9 {
+                let mut input = 0;
+                // SAFETY: the rows are inside the image; the place, the vector of outputs and all inputs, which are padded to a
+                // multiple of 16, are inside the kernel.
+                unsafe {
+                    while input < sum.used_inputs {
+                        let at = [place, input, output];
+                        input += match input % 16 {
+                            _ if L::IS_WIDE => inputs::<L, 16>(image, gradient, &rows, sum, at),
+                            12 => inputs::<L, 4>(image, gradient, &rows, sum, at),
+                            _ => inputs::<L, 6>(image, gradient, &rows, sum, at),
+                        };
                     }
                 }
             }
@@ -305,23 +262,24 @@ unsafe fn gradient_by<L: Lanes>(image: &Image, gradient: &Image, sum: &mut Kerne
     }
 }
 
-/// Adds the gradient for `B` inputs and a vector of outputs at a place of the kernel.
+/// Adds the gradient for `B` inputs and a vector of outputs at a place of the kernel, and returns `B`.
 #[inline(always)]
 unsafe fn inputs<L: Lanes, const B: usize>(
     image: &Image,
     gradient: &Image,
+    rows: &Range<usize>,
     sum: &mut Kernel,
     [place, input, output]: [usize; 3],
-) {
+) -> usize {
     let (inputs, outputs) = (sum.inputs, sum.outputs);
     // SAFETY: images have a border of 1 px, so the pixels at every place of the kernel are inside.
     unsafe {
-        let total = sum.values.as_mut_ptr().add((place * inputs + input) * outputs + output);
+        let total = sum.values.as_mut_ptr().add(sum.at(place, input, output));
         let mut sums = [L::splat(0.0); B];
         for (b, sum) in sums.iter_mut().enumerate() {
-            *sum = L::load(total.add(b * outputs));
+            *sum = L::load(total.add(b * LANES));
         }
-        for row in 0..gradient.rows {
+        for row in rows.clone() {
             let from = image.values.as_ptr();
             let from = from.add((row + place / 3) * image.stride() + place % 3 * inputs + input);
             let given = gradient.values.as_ptr();
@@ -334,15 +292,18 @@ unsafe fn inputs<L: Lanes, const B: usize>(
             }
         }
         for (b, sum) in sums.iter().enumerate() {
-            L::store(total.add(b * outputs), *sum);
+            L::store(total.add(b * LANES), *sum);
         }
     }
+    B
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::Stream;
+    use crate::ops::{Window, conv2d_bias_leaky};
+    use candle_core::{Device, Tensor, Var};
 
     fn noise(name: &str, count: usize) -> Vec<f32> {
         let mut stream = Stream::new(1, name);
@@ -351,26 +312,31 @@ mod tests {
 
     /// Returns an image of normal numbers.
     fn image(name: &str, [rows, columns]: [usize; 2], channels: usize) -> Image {
-        let mut image = Image::zeros(rows, columns, channels);
+        let mut image = Image::zeros(rows, columns, channels, &Buffers::default());
+        let padded = image.channels;
         for row in 0..rows {
             let values = noise(&format!("{name} {row}"), columns * channels);
-            image.row_mut(row).copy_from_slice(&values);
+            let pixels = image.row_mut(row).chunks_exact_mut(padded);
+            for (pixel, values) in pixels.zip(values.chunks_exact(channels)) {
+                pixel[..channels].copy_from_slice(values);
+            }
         }
         image
     }
 
     #[test]
     fn every_set_of_instructions_has_the_same_bits() {
-        for (size, inputs, outputs) in [([3, 21], 16, 80), ([5, 4], 32, 112), ([2, 9], 48, 16)] {
+        let cases = [([3, 21], 16, 80), ([5, 4], 32, 112), ([2, 9], 48, 16), ([4, 15], 12, 32)];
+        for (size, inputs, outputs) in cases {
             let (given, gradient) = (image("x", size, inputs), image("g", size, outputs));
             let mut kernel = Kernel::zeros(inputs, outputs);
             kernel.values = noise("kernel", kernel.values.len());
             let bias = noise("bias", outputs);
-            let found = convolve(&given, &kernel, &bias, 0.1);
+            let found = convolve(&given, &kernel, &bias, 0.1, &Buffers::default());
             let mut total = kernel.clone();
             add_kernel_gradient(&given, &gradient, &mut total);
             let call = Call { image: &given, kernel: &kernel, bias: &bias, slope: 0.1 };
-            let black = || Image::zeros(size[0], size[1], outputs);
+            let black = || Image::zeros(size[0], size[1], outputs, &Buffers::default());
             let stride = found.stride();
             let inside = stride..stride * (size[0] + 1);
             let (mut plain, mut sum) = (black(), kernel.clone());
@@ -392,6 +358,63 @@ mod tests {
                 }
                 assert!(found.values == avx2.values && total.values == sum.values);
             }
+        }
+    }
+
+    /// Returns the used channels of an image as a tensor (1, channels, rows, columns).
+    fn tensor(image: &Image, channels: usize) -> Tensor {
+        let pixels = (0..image.rows).flat_map(|row| image.row(row).to_vec()).collect();
+        let shape = (1, image.rows, image.columns, image.channels);
+        let pixels = Tensor::from_vec(pixels, shape, &Device::Cpu).unwrap();
+        pixels.narrow(3, 0, channels).unwrap().permute((0, 3, 1, 2)).unwrap().contiguous().unwrap()
+    }
+
+    #[test]
+    fn results_and_gradients_equal_those_of_the_general_convolution() {
+        // 7 columns have blocks of four, two and one pixels; nine rows of seven are more than are summed at a time.
+        for (size, inputs, outputs) in [([11, 7], 12, 32), ([9, 13], 28, 16)] {
+            let (given, gradient) = (image("x", size, inputs), image("g", size, outputs));
+            let mut kernel = Kernel::zeros(inputs, outputs);
+            let weights = noise("weights", 9 * inputs * outputs);
+            let mut each = weights.iter();
+            for output in 0..outputs {
+                for input in 0..inputs {
+                    for pixel in (0..9).map(|place| [place / 3, place % 3]) {
+                        let place = kernel.index(pixel, input, output);
+                        kernel.values[place] = *each.next().unwrap();
+                    }
+                }
+            }
+            let bias = noise("bias", outputs);
+            let weights = Tensor::from_vec(weights, (outputs, inputs, 3, 3), &Device::Cpu).unwrap();
+            let weights = Var::from_tensor(&weights).unwrap();
+            let of_bias = Tensor::new(bias.as_slice(), &Device::Cpu).unwrap();
+            let expected = conv2d_bias_leaky(
+                &tensor(&given, inputs),
+                weights.as_tensor(),
+                &of_bias,
+                Window::same(3, 1),
+                1.0,
+            )
+            .unwrap();
+            let near = |found: Vec<f32>, expected: Vec<f32>| {
+                assert_eq!(found.len(), expected.len());
+                found.iter().zip(&expected).for_each(|(a, b)| assert!((a - b).abs() < 1e-4));
+            };
+            let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+            let found = convolve(&given, &kernel, &bias, 1.0, &Buffers::default());
+            near(numbers(&tensor(&found, outputs)), numbers(&expected));
+            let loss = (&expected * tensor(&gradient, outputs)).unwrap().sum_all().unwrap();
+            let of_weights = loss.backward().unwrap();
+            let mut sum = Kernel::zeros(inputs, outputs);
+            add_kernel_gradient(&given, &gradient, &mut sum);
+            let places = (0..outputs).flat_map(|output| {
+                (0..inputs).flat_map(move |input| (0..9).map(move |place| (place, input, output)))
+            });
+            let found = places.map(|(place, input, output)| {
+                sum.values[sum.index([place / 3, place % 3], input, output)]
+            });
+            near(found.collect(), numbers(of_weights.get(&weights).unwrap()));
         }
     }
 }

@@ -8,16 +8,19 @@
 //! difference.rs   |x|, mean absolute difference             norm.rs       batch norm and leaky ReLU
 //! halve.rs     changes of size by 2                         bound.rs      bound of an output by its input
 //! slope.rs     mean absolute difference of slopes           direct.rs     3 x 3 convolutions for unet_op.rs, on lanes.rs
+//! image.rs     images and kernels of direct.rs              buffers.rs    memory of images
 //! ```
 //!
 //! On the CPU, the order of sums does not depend on the number of threads. Other devices use candle operations with
 //! correct gradients.
 
 mod bound;
+pub(crate) mod buffers;
 mod convolve;
 mod difference;
 pub(crate) mod direct;
 mod halve;
+pub(crate) mod image;
 mod kernel;
 mod lanes;
 mod matrix;

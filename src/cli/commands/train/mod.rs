@@ -18,6 +18,7 @@ use compose::{Pair, find_pairs};
 use plan::{SeededTraining, Stage, TrainSettings, Trainings, check_training_name};
 use render::line::Roots;
 use settings::SettingArgs;
+use std::num::NonZeroU64;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -105,6 +106,7 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
     let recipe = train_recipe(run.root())?;
     let recipe = recipe.and_then(|trainings| trainings.find(args.name.as_deref()));
     let (stage, steps) = stage_and_steps(args, recipe.as_ref())?;
+    let checkpoint_every = recipe.as_ref().and_then(|recipe| recipe.checkpoint_every);
     let settings = |frozen: Option<&TrainSettings>| {
         let typed = args.settings.features.as_deref();
         if frozen.is_none() && typed == Some("random") {
@@ -129,7 +131,7 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
             typed => weights_file(typed).map(Path::to_owned),
         },
         device: args.device.open()?,
-        checkpoint_every: args.checkpoint_every,
+        checkpoint_every: args.checkpoint_every.or(checkpoint_every.map(NonZeroU64::get)),
         keep: args.keep,
         validate: args.validate,
         pictures_every: args.pictures_every,
