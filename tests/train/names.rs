@@ -46,6 +46,7 @@ learning_rate = 1e-2
 name = "bounded"
 like = "net"
 seeds = []
+checkpoint_every = 2
 
 [train.settings]
 bound = 1.0
@@ -97,6 +98,10 @@ fn names_on_the_command_line(place: &Path, folder: &Path) {
     assert_eq!((&json["step"], &json["steps_taken"]), (&4.into(), &0.into()));
     let json = train(&["--name", "bounded", "--steps", "6"]).expect(0).json();
     assert_eq!((&json["from_step"], &json["settings"]["bound"]), (&4.into(), &1.0.into()));
+    // The recipe's distance of checkpoints holds, too.
+    let stage = place.join("train/bounded/separation");
+    let steps = [2, 4, 5, 6].map(|step| stage.join(format!("step-{step:07}")).is_dir());
+    assert_eq!(steps, [true, true, false, true]);
     train(&["--name", "other"]).expect(2).says(&["--stage and --steps"]);
     train(&["--name", "separation", "--steps", "6"]).expect(2).says(&["a folder of every run"]);
     // A training that begins with another one's weights has its settings.

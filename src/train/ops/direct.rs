@@ -250,6 +250,7 @@ unsafe fn gradient_by<L: Lanes>(image: &Image, gradient: &Image, sum: &mut Kerne
                 unsafe {
                     while input < sum.used_inputs {
                         let at = [place, input, output];
+                        // Without wide registers, 16 inputs are blocks of six, six and four.
                         input += match input % 16 {
                             _ if L::IS_WIDE => inputs::<L, 16>(image, gradient, &rows, sum, at),
                             12 => inputs::<L, 4>(image, gradient, &rows, sum, at),

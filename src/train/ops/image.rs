@@ -16,13 +16,12 @@ pub(crate) struct Image {
 impl Image {
     /// Creates a black image. `channels` is rounded up.
     pub(crate) fn zeros(rows: usize, columns: usize, channels: usize, buffers: &Buffers) -> Self {
-        let channels = channels.next_multiple_of(LANES);
-        let mut values = buffers.take((rows + 2) * (columns + 2) * channels);
-        values.fill(0.0);
-        Self { rows, columns, channels, values }
+        let mut image = Self::unwritten(rows, columns, channels, buffers);
+        image.values.fill(0.0);
+        image
     }
 
-    /// Creates an image with a border of zeros. Its pixels have arbitrary values, and the caller must write all of them.
+    /// Creates an image with a border of zeros. `channels` is rounded up. The pixels have arbitrary values, and the caller must write all of them.
     pub(crate) fn unwritten(
         rows: usize,
         columns: usize,
