@@ -1,7 +1,7 @@
 //! Tests the measurements of `bench`, and the files that it writes.
 
 use crate::support::outputs::read_json;
-use crate::support::program::{run_line, text};
+use crate::support::program::{command, run_line, text, wait_until};
 use crate::support::scenes::{photographs, scene};
 use glasshouse::bench::{Ladder, Slope, Work, climb, own_reference, pair, slopes};
 use render::layer::Layer;
@@ -274,4 +274,41 @@ fn impossible_simulations_are_refused() {
     run_line("bench farm --simulate --kill 8@1").expect(2).says(&["no worker 8", "0 to 7"]);
     run_line("bench farm --simulate --kill 3").expect(2).says(&["3@SECOND"]);
     run_line("bench farm --simulate --workers 1 --kill 0@1").expect(1).says(&["no worker is left"]);
+}
+
+/// Returns the number of candle's own threads of a process; they spin while they wait for work.
+#[cfg(target_os = "linux")]
+fn candle_threads(process: u32) -> usize {
+    let tasks = std::fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten();
+    let names = tasks.filter_map(|task| std::fs::read_to_string(task.path().join("comm")).ok());
+    names.filter(|name| name.starts_with("candle-bp")).count()
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn candle_starts_no_more_threads_than_the_program() {
+    let start = |steps: &str, threads: &str| {
+        let line = format!("bench train --size 32 --width 4 --steps {steps} -j {threads}");
+        command(&line.split(' ').map(str::to_owned).collect::<Vec<_>>()).spawn().unwrap()
+    };
+    // With three threads, candle has some: the test can see them.
+    let mut many = start("1000", "3");
+    let id = many.id();
+    assert!(wait_until(&mut many, || candle_threads(id) > 0));
+    assert!(candle_threads(id) <= 3);
+    many.kill().unwrap();
+    many.wait().unwrap();
+
+    let mut one = start("1", "1");
+    let id = one.id();
+    let mut most = 0;
+    let status = loop {
+        most = most.max(candle_threads(id));
+        if let Some(status) = one.try_wait().unwrap() {
+            break status;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    };
+    assert!(status.success());
+    assert_eq!(most, 0);
 }

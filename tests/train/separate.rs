@@ -75,7 +75,7 @@ fn a_signal_ends_a_long_separation_within_a_second() {
     let arguments = ["separate", text(&photo), "--network", text(&place.run), "--out", text(&out)];
     let mut child =
         command(&[&arguments[..], &["--work-px", "0", "-j", "1"]].concat()).spawn().unwrap();
-    // The folder exists as soon as the networks are loaded; the picture takes much longer.
+    // The folder exists as soon as the picture is read; its separation takes much longer.
     assert!(wait_until(&mut child, || out.exists()));
     std::thread::sleep(std::time::Duration::from_millis(300));
     let id = rustix::process::Pid::from_child(&child);
@@ -95,6 +95,21 @@ fn the_former_command_line_is_refused_with_the_new_one() {
     let former = ["separate", text(folder.path()), text(&photo), "--out", text(&out)];
     run(&former).expect(2).says(&["--network RUN"]);
     assert!(!out.exists());
+}
+
+#[test]
+fn a_call_without_a_readable_picture_leaves_no_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let photo = folder.path().join("missing.png");
+    run(&["separate", text(&photo), "--out", text(&out)]).expect(4).says(&["missing.png"]);
+    assert!(!out.exists());
+    // A missing picture before a readable one does not keep the latter from its folder.
+    let other = folder.path().join("photo.png");
+    picture(96, 80).save(&other).unwrap();
+    let arguments = ["separate", text(&photo), text(&other), "--out", text(&out)];
+    run(&arguments).expect(3).says(&["missing.png"]);
+    assert!(out.join("photo.transmission.png").is_file());
 }
 
 #[test]

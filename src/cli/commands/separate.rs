@@ -69,9 +69,6 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
         inputs: args.images.clone(),
     };
     outputs.check()?;
-    if !global.dry_run {
-        outputs.claim()?;
-    }
     let work = WorkSize {
         longest_px: Some(args.work_px).filter(|px| *px > 0),
         tile_px: Some(args.tile_px),
@@ -92,6 +89,10 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
                 let targets: Vec<PathBuf> =
                     targets.iter().map(|name| args.out.join(name)).collect();
                 if !global.dry_run {
+                    // The first readable picture creates the folder, so that a call without any leaves none.
+                    if images.is_empty() {
+                        outputs.claim()?;
+                    }
                     separate(&network, &photo, work, &targets)?;
                 }
                 let mut names = targets.iter().map(|path| path.to_string_lossy().into_owned());
