@@ -12,7 +12,7 @@ use render::line::{Apex, Fill, Focus};
 use render::merge::{Tuple, encode_png, encode_tuple_exr};
 use render::scene::{Decoded, Polygons, decode_photograph};
 use render::trace::{
-    BLOCK, BundleProbe, Grid, Isa, Order, PixelSeed, Sampling, Scene, Tile, sample_block,
+    BLOCK, BundleProbe, Grid, Isa, Order, PixelSeed, Sampling, Scene, Tile, sample_patch,
     trace_tile,
 };
 use std::hint::black_box;
@@ -118,15 +118,15 @@ fn walks(c: &mut Criterion) {
     group.finish();
 }
 
-/// Computes 256 samples of a pixel, on the film and the lens.
+/// Computes sixteen samples of sixteen pixels, on the film and the lens.
 fn samplers(c: &mut Criterion) {
-    let seed = PixelSeed::new(1, 2, 3);
+    let seeds: [PixelSeed; 16] = std::array::from_fn(|l| PixelSeed::new(1, l as u32, 3));
     let mut group = c.benchmark_group("sampler");
     group.throughput(Throughput::Elements(BLOCK as u64));
     for (kind, sampling) in [("sobol", Sampling::Sobol), ("independent", Sampling::Independent)] {
         for (name, isa) in isas() {
             group.bench_function(format!("{kind}/{name}"), |b| {
-                b.iter(|| sample_block(sampling, black_box(&seed), 512, isa));
+                b.iter(|| sample_patch(sampling, black_box(&seeds), 512, isa));
             });
         }
     }

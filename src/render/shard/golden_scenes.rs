@@ -22,6 +22,8 @@ pub struct GoldenScene {
 
 /// Parameters of a golden scene; [`Parameters::new`] returns the defaults.
 struct Parameters {
+    /// Width and height of the film, px.
+    film_px: [u32; 2],
     spp: u32,
     gaussian: bool,
     aperture_radius_m: f64,
@@ -55,6 +57,7 @@ impl Parameters {
     /// Returns the defaults, such as a wide lens, an untilted pane and apex `mirror`.
     fn new() -> Self {
         Self {
+            film_px: [16, 10],
             spp: 64,
             gaussian: false,
             aperture_radius_m: 0.02,
@@ -83,10 +86,11 @@ impl Parameters {
             ior: self.ior,
             absorption_per_m: self.absorption_per_m,
         };
+        let [width, height] = self.film_px;
         let film = FilmPlane {
-            width: 16,
-            height: 10,
-            tan_half_fov: FilmPlane::tan_half_fov(16, 10, 55.0),
+            width,
+            height,
+            tan_half_fov: FilmPlane::tan_half_fov(width, height, 55.0),
             filter: self.gaussian.then(FilterTable::gaussian),
         };
         let camera = BackCamera::new(Apex::Camera, &slab);
@@ -226,6 +230,15 @@ pub fn golden_scenes() -> Vec<GoldenScene> {
             GoldenScene { name, scene: parameters.scene() }
         })
         .collect()
+}
+
+/// Makes a golden scene with another film and another number of samples.
+#[cfg(test)]
+pub(super) fn variant(name: &str, film_px: [u32; 2], spp: u32) -> Scene {
+    let (_, change) = SCENES.into_iter().find(|(other, _)| *other == name).expect("a scene");
+    let mut parameters = Parameters::new();
+    change(&mut parameters);
+    Parameters { film_px, spp, ..parameters }.scene()
 }
 
 #[cfg(test)]

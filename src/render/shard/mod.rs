@@ -14,6 +14,8 @@ mod golden;
 mod golden_scenes;
 mod layout;
 mod spec;
+#[cfg(test)]
+mod sweep_tests;
 
 pub use golden::{golden, pinned, whole};
 pub use golden_scenes::{GoldenScene, golden_scenes};

@@ -5,10 +5,10 @@
 //! its own layer (T, R~ or R) has an error above the target, or while I has one and the part causes most of it. The
 //! decision uses only the cell's own samples, and cells lie on a fixed grid, so tiles and threads change no pixel.
 
-use super::bundle::Tracer;
 use super::means::{Components, Means, NOTHING, PixelMeans, Wanted};
 use super::scene::Scene;
-use super::tile::{Tile, TileResult};
+use super::tile::{Tile, TileResult, patches};
+use super::tracer::Tracer;
 use crate::layer::{Layer, PerLayer};
 
 /// Side of a cell, px. Tiles of an adaptive scene begin at multiples of this length.
@@ -44,16 +44,13 @@ pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) ->
     for y in (0..tile.height).step_by(CELL_PX as usize) {
         for x in (0..tile.width).step_by(CELL_PX as usize) {
             let (width, height) = (CELL_PX.min(tile.width - x), CELL_PX.min(tile.height - y));
-            let at = |q: u32| (x + q % width, y + q / width);
+            let area = Tile { x: tile.x + x, y: tile.y + y, width, height };
             let mut cell = Cell::new(scene, width * height);
-            while cell.round(&mut tracer, scene, &|q| {
-                let (x, y) = at(q);
-                (tile.x + x, tile.y + y)
-            }) {
+            while cell.round(&mut tracer, scene, area) {
                 cell.decide(scene, target);
             }
-            for (q, components) in cell.pixels.iter().enumerate() {
-                let (x, y) = at(q as u32);
+            for (q, components) in (0..).zip(&cell.pixels) {
+                let (x, y) = (x + q % width, y + q / width);
                 pixels[(y * tile.width + x) as usize] = components.pixel(scene.layers);
             }
             for (layer, &count) in cell.samples(scene).iter() {
@@ -89,7 +86,7 @@ impl Cell {
         &mut self,
         tracer: &mut Tracer<AVX2>,
         scene: &Scene,
-        at: &impl Fn(u32) -> (u32, u32),
+        area: Tile,
     ) -> bool {
         let waiting = self.parts.iter().filter(|part| part.goes_on);
         let Some(fewest) = waiting.map(|part| part.samples).min() else {
@@ -107,19 +104,16 @@ impl Cell {
             back: now[1],
             clean: now[2],
         };
-        for (q, pixel) in self.pixels.iter_mut().enumerate() {
-            let count = range.end - range.start;
-            let new = tracer.pixel(at(q as u32), &range, count, wanted);
-            let is_first = fewest == 0;
-            for (total, new, is_new) in [
-                (&mut pixel.front, new.front, wanted.front),
-                (&mut pixel.bare, new.bare, wanted.bare),
-                (&mut pixel.reflected, new.reflected, wanted.back),
-                (&mut pixel.back, new.back, wanted.back),
-                (&mut pixel.clean, new.clean, wanted.clean),
-            ] {
-                if is_new {
-                    *total = if is_first { new } else { doubled(total, &new) };
+        let (count, is_first) = (range.end - range.start, fewest == 0);
+        for (x, y) in patches(area.y, area.height)
+            .flat_map(|y| patches(area.x, area.width).map(move |x| (x, y)))
+        {
+            let lanes = area.lanes((x, y));
+            let live = lanes.map(|pixel| pixel.is_some());
+            let components = tracer.patch((x, y), live, &range, count, wanted);
+            for (pixel, new) in lanes.into_iter().zip(&components) {
+                if let Some(pixel) = pixel {
+                    self.pixels[pixel].add(new, wanted, is_first);
                 }
             }
         }
@@ -170,6 +164,23 @@ impl Cell {
         let thinning = scene.orders.back.first().map_or(1, |order| order.thinning);
         let taken = PerLayer([front.max(back), front, (back / thinning).max(1), clean]);
         PerLayer::of(|layer| taken[layer] * u32::from(scene.layers[layer]))
+    }
+}
+
+impl Components {
+    /// Adds the `wanted` components of as many new samples.
+    fn add(&mut self, new: &Self, wanted: Wanted, is_first: bool) {
+        for (total, new, is_new) in [
+            (&mut self.front, &new.front, wanted.front),
+            (&mut self.bare, &new.bare, wanted.bare),
+            (&mut self.reflected, &new.reflected, wanted.back),
+            (&mut self.back, &new.back, wanted.back),
+            (&mut self.clean, &new.clean, wanted.clean),
+        ] {
+            if is_new {
+                *total = if is_first { *new } else { doubled(total, new) };
+            }
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Traces rays: a pure function from a scene, a tile and a range of samples to the means of the four layers.
 //!
-//! `bundle` documents the estimator, `slab` the glass, `walk` the intersection with depth images and `mesh` the
+//! `tracer` documents the estimator, `slab` the glass, `walk` the intersection with depth images and `mesh` the
 //! intersection with triangle meshes. The module uses no file, clock, environment variable or thread pool, and every
 //! sum has a fixed order, so the bits of a pixel depend only on the scene and the sample range.
 //!
@@ -37,13 +37,16 @@ mod lines;
 mod means;
 mod mesh;
 mod orders;
+mod patch;
 mod probe;
 mod sampler;
 mod scene;
 mod shade;
 mod slab;
+mod spans;
 mod texture;
 mod tile;
+mod tracer;
 mod walk;
 
 pub use adaptive::CELL_PX;
@@ -51,7 +54,7 @@ pub use grid::Grid;
 pub use means::{PixelMeans, square_error};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshCounts, NEAR_M};
 pub use orders::{FollowedOrder, OrderPlan};
-pub use probe::{BundleProbe, ProbeRay, WalkCount, sample_block};
+pub use probe::{BundleProbe, ProbeRay, WalkCount, sample_patch};
 pub use sampler::{BLOCK, PixelSeed, sample};
 pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, Surface, View};
 pub use slab::{Order, Slab};

@@ -3,28 +3,31 @@
 //! A probe prepares camera samples and lines once. Each call then finds every bundle's span and walks the grid; the
 //! caller measures the time.
 
-use super::camera::{CameraBlock, GROUPS, Pixel};
+use super::camera::{CHUNK, CameraChunk};
 use super::lanes::{LANES, Lane};
-use super::lines::{LineMaker, Path};
-use super::sampler::{BLOCK, PixelSeed, points};
+use super::lines::{LineMaker, Path, ViewLanes, is_fixed, span_of_area, span_of_lines};
+use super::patch::{Area, PATCH_PX, Patch};
+use super::sampler::{PixelSeed, SeedLanes, points};
 use super::scene::{Pose, Sampling, Scene, Surface, View};
 use super::slab::Order;
 use super::tile::Isa;
-use super::walk::{Lines, Walkers, walk_bundle};
+use super::walk::{GridLanes, Group, Lines, Span, Walkers, walk_bundle};
 
-/// Bundles of 256 rays of one order, one bundle per pixel, prepared for intersection.
+/// Bundles of one order, one for each probed patch, prepared for intersection.
 pub struct BundleProbe<'a> {
     scene: &'a Scene,
     view: &'a View,
-    bundles: Vec<Bundle<'a>>,
+    path: Path,
+    bundles: Vec<Bundle>,
 }
 
-struct Bundle<'a> {
-    pixel: Pixel,
-    maker: LineMaker<'a>,
-    lines: [Lines; GROUPS],
-    /// Camera samples, for views without a closed form of the footprint; `None` for other views, which ignore them.
-    camera: Option<Box<CameraBlock>>,
+/// Number of rays of a bundle: sixteen samples of sixteen pixels.
+const RAYS: usize = CHUNK * LANES;
+
+struct Bundle {
+    corner: [u32; 2],
+    grid: GridLanes,
+    lines: [Lines; CHUNK],
 }
 
 /// A ray in the frame of the capture camera: the point `origin + direction / w` has inverse depth w. In this frame,
@@ -37,39 +40,48 @@ pub struct ProbeRay {
     pub direction: [f32; 3],
 }
 
-/// Computes `[pixel x, pixel y, lens u, lens v]` of a pixel's samples `first .. first + 256` with the tracer's code;
-/// `first` is a multiple of 256. Benchmarks time this function; [`super::sample`] defines the Sobol points.
-pub fn sample_block(
+/// Computes `[pixel x, pixel y, lens u, lens v]` of samples `first .. first + 16` of sixteen pixels with the tracer's code: a
+/// row for each sample, and a column for each pixel. Benchmarks time this function; [`super::sample`] defines the Sobol
+/// points.
+pub fn sample_patch(
     sampling: Sampling,
-    seed: &PixelSeed,
+    seeds: &[PixelSeed; LANES],
     first: u32,
     isa: Isa,
-) -> [[f32; BLOCK]; 4] {
+) -> [[[f32; LANES]; CHUNK]; 4] {
     match isa {
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
         Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
             // SAFETY: the check above found AVX2 on this machine.
-            unsafe { sample_block_avx2(sampling, seed, first) }
+            unsafe { sample_patch_avx2(sampling, seeds, first) }
         }
-        _ => sample_block_here(sampling, seed, first),
+        _ => sample_patch_here(sampling, seeds, first),
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn sample_block_avx2(sampling: Sampling, seed: &PixelSeed, first: u32) -> [[f32; BLOCK]; 4] {
-    sample_block_here(sampling, seed, first)
+fn sample_patch_avx2(
+    sampling: Sampling,
+    seeds: &[PixelSeed; LANES],
+    first: u32,
+) -> [[[f32; LANES]; CHUNK]; 4] {
+    sample_patch_here(sampling, seeds, first)
 }
 
 #[inline(always)]
-fn sample_block_here(sampling: Sampling, seed: &PixelSeed, first: u32) -> [[f32; BLOCK]; 4] {
-    let mut block = [[0.0; BLOCK]; 4];
-    for (pair, [u, v]) in block.as_chunks_mut().0.iter_mut().enumerate() {
-        let (u, v) = (u.as_chunks_mut().0, v.as_chunks_mut().0);
-        points(sampling, seed, pair, first, u, v);
+fn sample_patch_here(
+    sampling: Sampling,
+    seeds: &[PixelSeed; LANES],
+    first: u32,
+) -> [[[f32; LANES]; CHUNK]; 4] {
+    let seeds = SeedLanes::new(|l| seeds[l]);
+    let mut samples = [[[0.0; LANES]; CHUNK]; 4];
+    for (pair, [u, v]) in samples.as_chunks_mut().0.iter_mut().enumerate() {
+        points(sampling, &seeds, pair, first, u, v);
     }
-    block
+    samples
 }
 
 /// Lengths of the rays' walks over the grid, computed from their start and end points.
@@ -85,13 +97,12 @@ pub struct WalkCount {
 }
 
 impl<'a> BundleProbe<'a> {
-    /// Prepares bundles of `order` (`None`: the pinhole of R, without glass) for every `step_px`-th pixel across and
-    /// down. A bundle has the first 256 samples of its pixel; the scene must have at least as many.
+    /// Prepares bundles of `order` (`None`: the pinhole of R, without glass) for the patches at every `step_px`-th pixel
+    /// across and down. A bundle has the first sixteen samples of the pixels of its patch.
     ///
     /// Returns `None` if the tracer walks no grid: for meshes, and for R with apex `mirror`, because its hits do not
     /// depend on the sheet.
     pub fn new(scene: &'a Scene, order: Option<Order>, step_px: u32) -> Option<Self> {
-        assert!(scene.spp as usize >= BLOCK, "a bundle has {BLOCK} samples");
         let surface = match order {
             Some(Order::Transmitted(_)) => &scene.front,
             Some(Order::Reflected(_)) | None => &scene.back,
@@ -103,31 +114,40 @@ impl<'a> BundleProbe<'a> {
             let constant = scene.slab.kappa_m(order, 0.0);
             Path::Lens { constant, slope: scene.slab.kappa_m(order, 1.0) - constant }
         });
-        let step = step_px.max(1) as usize;
-        let mut bundles = Vec::new();
-        for y in (0..scene.film.height).step_by(step) {
-            for x in (0..scene.film.width).step_by(step) {
-                let pixel = Pixel::new(scene, x, y);
-                let mut camera = CameraBlock::new();
-                camera.fill(scene, &pixel, 0, BLOCK as u32);
-                let maker = LineMaker::new(scene, view, &pixel, path);
-                if maker.is_fixed() {
-                    return None;
-                }
-                let mut lines = [Lines::ZERO; GROUPS];
-                for (g, lines) in lines.iter_mut().enumerate() {
-                    *lines = maker.lines(&camera, g);
-                }
-                let is_general = matches!(view.pose, Pose::General { .. });
-                bundles.push(Bundle { pixel, maker, lines, camera: is_general.then_some(camera) });
+        if is_fixed(view, path) {
+            return None;
+        }
+        let step = step_px.div_ceil(PATCH_PX).max(1) * PATCH_PX;
+        let (mut bundles, mut camera) = (Vec::new(), CameraChunk::new());
+        for y in (0..scene.film.height).step_by(step as usize) {
+            for x in (0..scene.film.width).step_by(step as usize) {
+                let patch = Patch::new(scene, x, y);
+                camera.fill(scene, &patch, 0, CHUNK);
+                let lanes = ViewLanes::new(view, &patch);
+                let maker = LineMaker::new(scene, view, &patch, &lanes, path);
+                let lines = std::array::from_fn(|s| maker.lines(&camera, s));
+                bundles.push(Bundle { corner: patch.corner, grid: lanes.grid, lines });
             }
         }
-        Some(Self { scene, view, bundles })
+        Some(Self { scene, view, path, bundles })
+    }
+
+    /// Finds the span of a bundle's patch.
+    #[inline(always)]
+    fn span(&self, bundle: &Bundle) -> Span {
+        match self.view.pose {
+            Pose::Aligned { extra_m } => {
+                let [x, y] = bundle.corner;
+                let area = Area::new(self.scene, x, y, PATCH_PX);
+                span_of_area(self.scene, self.view, self.path, &area, extra_m).0
+            }
+            Pose::General { .. } => span_of_lines(self.view, &bundle.grid, &bundle.lines),
+        }
     }
 
     /// Returns the number of rays of all bundles.
     pub fn len(&self) -> usize {
-        self.bundles.len() * BLOCK
+        self.bundles.len() * RAYS
     }
 
     /// True if the probe has no bundle.
@@ -164,13 +184,12 @@ impl<'a> BundleProbe<'a> {
 
     #[inline(always)]
     fn intersect_here<const AVX2: bool>(&self, hits: &mut [f32]) {
-        let (shared, mut walkers) = (CameraBlock::new(), Walkers::new());
+        let mut walkers = Walkers::new();
         let (groups, _) = hits.as_chunks_mut::<LANES>();
-        for (bundle, hits) in self.bundles.iter().zip(groups.chunks_exact_mut(GROUPS)) {
-            let camera = bundle.camera.as_deref().unwrap_or(&shared);
-            let span = bundle.maker.span(self.scene, &bundle.pixel, camera, GROUPS);
-            let (grid, base) = (&self.view.grid, bundle.maker.base);
-            walk_bundle::<AVX2>(grid, base, &bundle.lines, span, &mut walkers, hits);
+        for (bundle, hits) in self.bundles.iter().zip(groups.chunks_exact_mut(CHUNK)) {
+            let spans = self.span(bundle).into();
+            let group = Group { lanes: &bundle.grid, spans: &spans };
+            walk_bundle::<AVX2>(&self.view.grid, |_| group, &bundle.lines, &mut walkers, hits);
         }
     }
 
@@ -180,9 +199,9 @@ impl<'a> BundleProbe<'a> {
         let principal = self.view.principal;
         let mut rays = Vec::with_capacity(self.len());
         for bundle in &self.bundles {
-            let base = bundle.maker.base.map(f64::from);
             for lines in &bundle.lines {
                 for l in 0..LANES {
+                    let base = [0, 1].map(|k| f64::from(bundle.grid.base[k][l]));
                     let at = [lines.x[l], lines.y[l]].map(f64::from);
                     let slope = [lines.sx[l], lines.sy[l]].map(f64::from);
                     let direction =
@@ -200,14 +219,12 @@ impl<'a> BundleProbe<'a> {
 
     /// Counts the cells between the start of each ray's walk and its hit in `hits`, the result of [`Self::intersect`].
     pub fn count(&self, hits: &[f32]) -> WalkCount {
-        let shared = CameraBlock::new();
         let mut count = WalkCount::default();
         let (groups, _) = hits.as_chunks::<LANES>();
-        for (bundle, hits) in self.bundles.iter().zip(groups.chunks_exact(GROUPS)) {
-            let camera = bundle.camera.as_deref().unwrap_or(&shared);
-            let span = bundle.maker.span(self.scene, &bundle.pixel, camera, GROUPS);
+        for (bundle, hits) in self.bundles.iter().zip(groups.chunks_exact(CHUNK)) {
+            let span = self.span(bundle);
             for (lines, hits) in bundle.lines.iter().zip(hits) {
-                let cells = self.cells(bundle.maker.base, lines, span.hi, hits);
+                let cells = self.cells(&bundle.grid.base, lines, span.hi, hits);
                 count.rays += LANES as u64;
                 count.groups += 1;
                 count.cells += cells.iter().sum::<u64>();
@@ -218,15 +235,21 @@ impl<'a> BundleProbe<'a> {
     }
 
     /// Counts the cells that each of sixteen rays touches. Cells beyond the outermost columns and rows count as one.
-    fn cells(&self, base: [i32; 2], lines: &Lines, from_w: f32, hits: &Lane) -> [u64; LANES] {
+    fn cells(
+        &self,
+        base: &[[i32; LANES]; 2],
+        lines: &Lines,
+        from_w: f32,
+        hits: &Lane,
+    ) -> [u64; LANES] {
         let grid = &self.view.grid;
         let cell = |at: f32, base: i32, n: usize| {
             (at.floor() as i64 + i64::from(base)).clamp(-1, n as i64 - 1)
         };
         let mut cells = [0; LANES];
         for l in 0..LANES {
-            let across = |w: f32| cell(lines.x[l] + lines.sx[l] * w, base[0], grid.nx());
-            let down = |w: f32| cell(lines.y[l] + lines.sy[l] * w, base[1], grid.ny());
+            let across = |w: f32| cell(lines.x[l] + lines.sx[l] * w, base[0][l], grid.nx());
+            let down = |w: f32| cell(lines.y[l] + lines.sy[l] * w, base[1][l], grid.ny());
             cells[l] =
                 1 + across(from_w).abs_diff(across(hits[l])) + down(from_w).abs_diff(down(hits[l]));
         }

@@ -43,30 +43,16 @@ const fn laine_karras(mut x: u32, seed: u32) -> u32 {
     x ^ x.wrapping_mul(0x53a2_2864)
 }
 
-/// Computes the bit-reversed second Sobol coordinate of `index` (direction numbers of x + 1: the Pascal matrix).
+/// Computes the bit-reversed second Sobol coordinate of `index`. Its direction numbers are those of x + 1, the Pascal matrix, so
+/// that the coordinate is the Taylor shift p(x) -> p(x + 1) over GF(2) of the polynomial with the index's bits.
+#[inline(always)]
 const fn sobol_1_reversed(mut index: u32) -> u32 {
-    let mut column = 1u32 << 31;
-    let mut value = 0;
-    while index != 0 {
-        if index & 1 == 1 {
-            value ^= column;
-        }
-        column ^= column >> 1;
-        index >>= 1;
-    }
-    value.reverse_bits()
+    index ^= index >> 16;
+    index ^= (index >> 8) & 0x00ff_00ff;
+    index ^= (index >> 4) & 0x0f0f_0f0f;
+    index ^= (index >> 2) & 0x3333_3333;
+    index ^ ((index >> 1) & 0x5555_5555)
 }
-
-/// [`sobol_1_reversed`] of every low byte. It is linear over xor, so callers add the share of the other bits by xor.
-static LOW_BYTE: [u32; 256] = {
-    let mut table = [0; 256];
-    let mut i = 0;
-    while i < 256 {
-        table[i] = sobol_1_reversed(i as u32);
-        i += 1;
-    }
-    table
-};
 
 /// Converts the 24 high bits to a number in [0, 1).
 #[inline(always)]
@@ -76,7 +62,7 @@ fn unit(x: u32) -> f32 {
 
 /// Computes sample `index` of a pixel: `[pixel x, pixel y, lens u, lens v]`, each in [0, 1).
 ///
-/// This function defines the samples; `block` computes the same bits for sixteen samples at a time.
+/// This function defines the samples; `points` computes the same bits for sixteen pixels at a time.
 pub fn sample(seed: &PixelSeed, index: u32) -> [f32; 4] {
     let mut point = [0.0; 4];
     for pair in 0..2 {
@@ -88,48 +74,58 @@ pub fn sample(seed: &PixelSeed, index: u32) -> [f32; 4] {
     point
 }
 
-/// Computes samples `first .. first + 16 * u.len()` of one pair (0: pixel, 1: lens).
-///
-/// `first` is a multiple of 16, and all samples lie in the same aligned block of 256.
-#[inline(always)]
-pub(crate) fn block(seed: &PixelSeed, pair: usize, first: u32, u: &mut [Lane], v: &mut [Lane]) {
-    debug_assert!(u.len() == v.len() && (first as usize % BLOCK) + LANES * u.len() <= BLOCK);
-    // An Owen shuffle keeps aligned power-of-two blocks together: within 256 samples the upper 24 bits of the shuffled
-    // index are constant, and so is their share of the second coordinate.
-    let high = laine_karras(first.reverse_bits(), seed.index[pair]).reverse_bits() & !0xff;
-    let high_part = sobol_1_reversed(high);
-    let (seed_u, seed_v) = (seed.value[2 * pair], seed.value[2 * pair + 1]);
-    for (group, (u, v)) in u.iter_mut().zip(v).enumerate() {
-        let start = first + (group * LANES) as u32;
-        let mut shuffled = [0u32; LANES];
-        let mut second = [0u32; LANES];
+/// Seeds of sixteen pixels.
+pub(crate) struct SeedLanes {
+    index: [[u32; LANES]; 2],
+    value: [[u32; LANES]; 4],
+}
+
+impl SeedLanes {
+    /// Arranges the seeds that `of` returns for each lane.
+    #[inline(always)]
+    pub(crate) fn new(of: impl Fn(usize) -> PixelSeed) -> Self {
+        let (mut index, mut value) = ([[0; LANES]; 2], [[0; LANES]; 4]);
         for l in 0..LANES {
-            let index = start + l as u32;
-            shuffled[l] = laine_karras(index.reverse_bits(), seed.index[pair]).reverse_bits();
+            let seed = of(l);
+            (0..2).for_each(|k| index[k][l] = seed.index[k]);
+            (0..4).for_each(|k| value[k][l] = seed.value[k]);
         }
-        for l in 0..LANES {
-            second[l] = LOW_BYTE[(shuffled[l] & 0xff) as usize];
-        }
-        for l in 0..LANES {
-            u[l] = unit(laine_karras(shuffled[l], seed_u).reverse_bits());
-            v[l] = unit(laine_karras(second[l] ^ high_part, seed_v).reverse_bits());
-        }
+        Self { index, value }
     }
 }
 
-/// Computes samples of either kind, with the arguments of [`block`].
+/// Computes samples `first .. first + u.len()` of one pair (0: pixel, 1: lens) for sixteen pixels.
 #[inline(always)]
 pub(crate) fn points(
     sampling: Sampling,
-    seed: &PixelSeed,
+    seeds: &SeedLanes,
     pair: usize,
     first: u32,
     u: &mut [Lane],
     v: &mut [Lane],
 ) {
     match sampling {
-        Sampling::Sobol => block(seed, pair, first, u, v),
-        Sampling::Independent => independent(seed, pair, first, u, v),
+        Sampling::Sobol => sobol(seeds, pair, first, u, v),
+        Sampling::Independent => independent(seeds, pair, first, u, v),
+    }
+}
+
+#[inline(always)]
+fn sobol(seeds: &SeedLanes, pair: usize, first: u32, u: &mut [Lane], v: &mut [Lane]) {
+    let (index, [seed_u, seed_v]) =
+        (&seeds.index[pair], [&seeds.value[2 * pair], &seeds.value[2 * pair + 1]]);
+    for (sample, (u, v)) in (first..).zip(u.iter_mut().zip(v)) {
+        let reversed = sample.reverse_bits();
+        let mut shuffled = [0u32; LANES];
+        for l in 0..LANES {
+            shuffled[l] = laine_karras(reversed, index[l]).reverse_bits();
+        }
+        for l in 0..LANES {
+            u[l] = unit(laine_karras(shuffled[l], seed_u[l]).reverse_bits());
+        }
+        for l in 0..LANES {
+            v[l] = unit(laine_karras(sobol_1_reversed(shuffled[l]), seed_v[l]).reverse_bits());
+        }
     }
 }
 
@@ -144,14 +140,14 @@ const fn mix32(mut x: u32) -> u32 {
 /// Computes independent points: each coordinate is a hash of its seed and the index. After a single round, pixels with
 /// equal upper key bits would have the same points in another order, so two rounds use two keys.
 #[inline(always)]
-fn independent(seed: &PixelSeed, pair: usize, first: u32, u: &mut [Lane], v: &mut [Lane]) {
-    let (key_u, key_v) = (seed.value[2 * pair], seed.value[2 * pair + 1]);
-    let coordinate = |index: u32, key: u32| unit(mix32(mix32(index ^ key) ^ seed.index[pair]));
-    for (group, (u, v)) in u.iter_mut().zip(v).enumerate() {
-        let start = first + (group * LANES) as u32;
+fn independent(seeds: &SeedLanes, pair: usize, first: u32, u: &mut [Lane], v: &mut [Lane]) {
+    let (key_u, key_v) = (&seeds.value[2 * pair], &seeds.value[2 * pair + 1]);
+    let second_key = &seeds.index[pair];
+    let coordinate = |sample: u32, key: u32, second: u32| unit(mix32(mix32(sample ^ key) ^ second));
+    for (sample, (u, v)) in (first..).zip(u.iter_mut().zip(v)) {
         for l in 0..LANES {
-            u[l] = coordinate(start + l as u32, key_u);
-            v[l] = coordinate(start + l as u32, key_v);
+            u[l] = coordinate(sample, key_u[l], second_key[l]);
+            v[l] = coordinate(sample, key_v[l], second_key[l]);
         }
     }
 }
@@ -168,11 +164,12 @@ mod tests {
         let (mut across, mut ahead, mut between) = (0.0, 0.0, 0.0);
         let mut cells = [0u32; 64];
         let mut before = vec![0.0; N];
-        for x in 0..16 {
-            let seed = PixelSeed::new(9, x, 4);
-            let (mut u, mut v) = (vec![[0.0; LANES]; N / LANES], vec![[0.0; LANES]; N / LANES]);
-            independent(&seed, 1, 0, &mut u, &mut v);
-            let (u, v) = (u.as_flattened(), v.as_flattened());
+        let seeds = SeedLanes::new(|x| PixelSeed::new(9, x as u32, 4));
+        let (mut all_u, mut all_v) = (vec![[0.0; LANES]; N], vec![[0.0; LANES]; N]);
+        independent(&seeds, 1, 0, &mut all_u, &mut all_v);
+        for x in 0..LANES {
+            let of = |all: &[Lane]| all.iter().map(|lanes| lanes[x]).collect::<Vec<f32>>();
+            let (u, v) = (of(&all_u), of(&all_v));
             for i in 0..N {
                 assert!((0.0..1.0).contains(&u[i]) && (0.0..1.0).contains(&v[i]));
                 let (a, b) = (f64::from(u[i]) - 0.5, f64::from(v[i]) - 0.5);
@@ -203,19 +200,30 @@ mod tests {
     }
 
     #[test]
-    fn blocks_equal_the_definition() {
-        let seed = PixelSeed::new(412, 17, 203);
-        for first in [0u32, 256, 65_280, 16 * 3] {
-            let groups = if first % 256 == 0 { 16 } else { 2 };
+    fn lanes_equal_the_definition() {
+        let pixel = |l: usize| PixelSeed::new(412, 17 + l as u32, 203);
+        let seeds = SeedLanes::new(pixel);
+        for first in [0u32, 256, 65_280, 16 * 3, 5] {
             for pair in 0..2 {
-                let (mut u, mut v) = (vec![[0.0; LANES]; groups], vec![[0.0; LANES]; groups]);
-                block(&seed, pair, first, &mut u, &mut v);
-                for i in 0..groups * LANES {
-                    let expected = sample(&seed, first + i as u32);
-                    assert_eq!(u[i / LANES][i % LANES], expected[2 * pair]);
-                    assert_eq!(v[i / LANES][i % LANES], expected[2 * pair + 1]);
+                let (mut u, mut v) = ([[0.0; LANES]; 11], [[0.0; LANES]; 11]);
+                sobol(&seeds, pair, first, &mut u, &mut v);
+                for (s, l) in (0..11).flat_map(|s| (0..LANES).map(move |l| (s, l))) {
+                    let expected = sample(&pixel(l), first + s as u32);
+                    assert_eq!([u[s][l], v[s][l]], [expected[2 * pair], expected[2 * pair + 1]]);
                 }
             }
         }
+    }
+
+    /// The Taylor shift has the direction numbers of Sobol's second dimension: 1, 11, 101, 1111, ...
+    #[test]
+    fn the_second_coordinate_has_the_direction_numbers_of_sobol() {
+        let mut direction = 1u32 << 31;
+        for bit in 0..32 {
+            assert_eq!(sobol_1_reversed(1 << bit).reverse_bits(), direction);
+            direction ^= direction >> 1;
+        }
+        let xor = |a: u32, b: u32| sobol_1_reversed(a) ^ sobol_1_reversed(b);
+        assert_eq!(sobol_1_reversed(0x1234_5678 ^ 0x0f0f_3333), xor(0x1234_5678, 0x0f0f_3333));
     }
 }

@@ -2,11 +2,14 @@
 
 #![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 
-use super::camera::{CameraBlock, Pixel};
+use super::camera::{CHUNK, CameraChunk};
 use super::footprint::{Footprint, span};
 use super::lanes::LANES;
-use super::lines::{LineMaker, Path};
-use super::walk::{Lines, Span, walk};
+use super::lines::{
+    LineMaker, Path, ViewLanes, closed_form, footprint_of_lines, span_of_area, span_of_lines,
+};
+use super::patch::{Area, Patch};
+use super::walk::{Lines, Span, walk, walk_lanes};
 use super::*;
 use glam::{DMat3, DVec3, Vec3A};
 
@@ -326,13 +329,21 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
     }
 }
 
-/// Returns the largest distance of the rays outside the footprint's box at w, px; negative if all are inside.
-fn escape(footprint: &impl Footprint, lines: &[Lines], w: f32) -> f32 {
+/// Returns the largest distance of the rays outside the footprint's box at w, px; negative if all are inside. The rays are
+/// relative to the grid points of `lanes`, and the footprint to `base`.
+fn escape(
+    (footprint, base): (&dyn Footprint, [i32; 2]),
+    lanes: &ViewLanes,
+    lines: &[Lines],
+    w: f32,
+) -> f32 {
     let [u0, v0, u1, v1] = footprint.at(w);
+    let from = |k: usize, l: usize| (lanes.grid.base[k][l] - base[k]) as f32;
     let mut farthest = f32::NEG_INFINITY;
     for group in lines {
         for l in 0..LANES {
-            let (u, v) = (group.x[l] + w * group.sx[l], group.y[l] + w * group.sy[l]);
+            let u = group.x[l] + w * group.sx[l] + from(0, l);
+            let v = group.y[l] + w * group.sy[l] + from(1, l);
             for out in [u0 - u, u - u1, v0 - v, v - v1] {
                 farthest = farthest.max(out);
             }
@@ -341,11 +352,11 @@ fn escape(footprint: &impl Footprint, lines: &[Lines], w: f32) -> f32 {
     farthest
 }
 
-/// Footprints contain every ray of their bundle, and the spans from footprints change no hit.
+/// Footprints contain every ray of their square or bundle, and the spans from footprints change no hit.
 #[test]
 fn footprints_and_spans_are_conservative() {
     let (mut bundles, mut closest, mut share) = (0u32, f32::NEG_INFINITY, 0.0);
-    let mut camera = CameraBlock::new();
+    let mut camera = CameraChunk::new();
     for (n, (tilt_deg, general)) in
         [([0.0, 0.0], false), ([12.0, -25.0], false), ([-10.0, 15.0], true), ([40.0, 0.0], false)]
             .into_iter()
@@ -354,10 +365,14 @@ fn footprints_and_spans_are_conservative() {
         for focus_m in [1.1, 4.0, f64::INFINITY] {
             let scene = scene(tilt_deg, general, n % 2 == 1, focus_m);
             for (x, y) in
-                (0..80).step_by(23).flat_map(|y| (0..120).step_by(23).map(move |x| (x, y)))
+                (0..80).step_by(20).flat_map(|y| (0..120).step_by(20).map(move |x| (x, y)))
             {
-                let pixel = Pixel::new(&scene, x, y);
-                camera.fill(&scene, &pixel, 0, 256);
+                let patch = Patch::new(&scene, x, y);
+                // The square of 8 px around a patch, as in a trace, and the patch alone.
+                let side_px = [8, 4][n % 2];
+                let square = [x, y].map(|v| v / side_px * side_px);
+                let area = Area::new(&scene, square[0], square[1], side_px);
+                camera.fill(&scene, &patch, 16, CHUNK);
                 for order in [
                     Order::Transmitted(0),
                     Order::Transmitted(1),
@@ -371,32 +386,41 @@ fn footprints_and_spans_are_conservative() {
                     let Surface::Sheet(view) = side else { panic!("the surface must be a sheet") };
                     let constant = scene.slab.kappa_m(order, 0.0);
                     let slope = scene.slab.kappa_m(order, 1.0) - constant;
-                    let maker =
-                        LineMaker::new(&scene, view, &pixel, Path::Lens { constant, slope });
-                    let lines: Vec<Lines> = (0..16).map(|g| maker.lines(&camera, g)).collect();
+                    let path = Path::Lens { constant, slope };
+                    let lanes = ViewLanes::new(view, &patch);
+                    let maker = LineMaker::new(&scene, view, &patch, &lanes, path);
+                    let lines: Vec<Lines> = (0..CHUNK).map(|s| maker.lines(&camera, s)).collect();
+                    let out_at = |w: f32| match &view.pose {
+                        Pose::Aligned { extra_m } => {
+                            let (form, base) = closed_form(&scene, view, path, &area, *extra_m);
+                            escape((&form, base), &lanes, &lines, w)
+                        }
+                        Pose::General { .. } => {
+                            let (form, base) = footprint_of_lines(&lanes.grid, &lines);
+                            escape((&form, base), &lanes, &lines, w)
+                        }
+                    };
                     for step in 0..40 {
                         let w = 1.2 * (step as f32 / 40.0);
-                        let out = match &view.pose {
-                            Pose::Aligned { extra_m } => {
-                                escape(&maker.closed_form(&scene, &pixel, *extra_m), &lines, w)
-                            }
-                            Pose::General { .. } => {
-                                escape(&maker.footprint_of_rays(&camera, 16), &lines, w)
-                            }
-                        };
+                        let out = out_at(w);
                         assert!(out < 0.0, "{order:?} at {w} 1/m, tilt {tilt_deg:?}: {out} px");
                         closest = closest.max(out);
                     }
-                    let found = maker.span(&scene, &pixel, &camera, 16);
+                    let found = match &view.pose {
+                        Pose::Aligned { extra_m } => {
+                            span_of_area(&scene, view, path, &area, *extra_m).0
+                        }
+                        Pose::General { .. } => span_of_lines(view, &lanes.grid, &lines),
+                    };
                     let all = full_span(&view.grid, false);
                     for group in &lines {
-                        let narrow = walk::<false>(&view.grid, maker.base, group, found);
-                        let wide = walk::<false>(&view.grid, maker.base, group, all);
+                        let narrow = walk_lanes::<false>(&view.grid, &lanes.grid, group, found);
+                        let wide = walk_lanes::<false>(&view.grid, &lanes.grid, group, all);
                         for l in 0..LANES {
                             if (narrow[l] - wide[l]).abs() > 2e-6 * wide[l] {
                                 let absolute = [
-                                    f64::from(group.x[l]) + f64::from(maker.base[0]),
-                                    f64::from(group.y[l]) + f64::from(maker.base[1]),
+                                    f64::from(group.x[l]) + f64::from(lanes.grid.base[0][l]),
+                                    f64::from(group.y[l]) + f64::from(lanes.grid.base[1][l]),
                                     f64::from(group.sx[l]),
                                     f64::from(group.sy[l]),
                                 ];
@@ -484,14 +508,14 @@ fn probed_rays_have_the_hits_of_the_kernel() {
 }
 
 #[test]
-fn probed_blocks_equal_the_definition() {
-    let seed = PixelSeed::new(4, 5, 6);
-    let block = sample_block(Sampling::Sobol, &seed, 512, Isa::detect());
-    for i in 0..BLOCK {
-        let expected = sample(&seed, 512 + i as u32);
-        assert_eq!([0, 1, 2, 3].map(|k| block[k][i]), expected);
+fn probed_samples_equal_the_definition() {
+    let seeds: [PixelSeed; LANES] = std::array::from_fn(|l| PixelSeed::new(4, 5 + l as u32, 6));
+    let samples = sample_patch(Sampling::Sobol, &seeds, 512, Isa::detect());
+    for (s, l) in (0..CHUNK).flat_map(|s| (0..LANES).map(move |l| (s, l))) {
+        let expected = sample(&seeds[l], 512 + s as u32);
+        assert_eq!([0, 1, 2, 3].map(|k| samples[k][s][l]), expected);
     }
-    let independent = |isa| sample_block(Sampling::Independent, &seed, 512, isa);
+    let independent = |isa| sample_patch(Sampling::Independent, &seeds, 512, isa);
     assert_eq!(independent(Isa::Baseline), independent(Isa::detect()));
-    assert_ne!(independent(Isa::Baseline), block);
+    assert_ne!(independent(Isa::Baseline), samples);
 }

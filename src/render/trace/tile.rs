@@ -1,10 +1,12 @@
 //! Traces the pixels of a tile with the kernels of one instruction set.
 
 use super::adaptive;
-use super::bundle::Tracer;
+use super::lanes::LANES;
 use super::means::{PixelMeans, Wanted};
+use super::patch::PATCH_PX;
 use super::sampler::BLOCK;
 use super::scene::Scene;
+use super::tracer::Tracer;
 use crate::layer::PerLayer;
 use std::ops::Range;
 
@@ -17,6 +19,24 @@ pub struct Tile {
     pub width: u32,
     /// Height, px.
     pub height: u32,
+}
+
+impl Tile {
+    /// Returns the indices of a patch's pixels in the tile's rows; `None` for pixels outside the tile.
+    #[inline(always)]
+    pub(super) fn lanes(&self, (x, y): (u32, u32)) -> [Option<usize>; LANES] {
+        std::array::from_fn(|l| {
+            let column = (x + l as u32 % PATCH_PX).checked_sub(self.x)?;
+            let row = (y + l as u32 / PATCH_PX).checked_sub(self.y)?;
+            let is_inside = column < self.width && row < self.height;
+            is_inside.then_some((row * self.width + column) as usize)
+        })
+    }
+}
+
+/// Returns the first columns (or rows) of the patches that cover `size` columns from `start` on.
+pub(super) fn patches(start: u32, size: u32) -> impl Iterator<Item = u32> {
+    (start / PATCH_PX * PATCH_PX..start + size).step_by(PATCH_PX as usize)
 }
 
 /// Instruction set of the kernels. All instruction sets yield the same bits.
@@ -95,11 +115,17 @@ fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, samples: Range<u32>) -> Ti
     let count = samples.end - samples.start;
     let clean = scene.orders.clean_spp(scene.spp).clamp(samples.start, samples.end) - samples.start;
     let mut tracer = Tracer::<AVX2>::new(scene);
-    let mut pixels = Vec::with_capacity((tile.width * tile.height) as usize);
-    for y in tile.y..tile.y + tile.height {
-        for x in tile.x..tile.x + tile.width {
-            let components = tracer.pixel((x, y), &samples, clean, wanted);
-            pixels.push(components.pixel(scene.layers));
+    let mut pixels = vec![PixelMeans::default(); (tile.width * tile.height) as usize];
+    for y in patches(tile.y, tile.height) {
+        for x in patches(tile.x, tile.width) {
+            let live = tile.lanes((x, y));
+            let components =
+                tracer.patch((x, y), live.map(|pixel| pixel.is_some()), &samples, clean, wanted);
+            for (pixel, components) in live.into_iter().zip(&components) {
+                if let Some(pixel) = pixel {
+                    pixels[pixel] = components.pixel(scene.layers);
+                }
+            }
         }
     }
     let (paths, misses) = tracer.counts();

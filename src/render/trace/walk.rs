@@ -5,34 +5,15 @@
 //! the sheet, so no ray leaks between two cells. Outside the grid, the border's inverse depth continues to infinity in
 //! the outermost columns and rows of cells, so every ray ends on a surface and crosses at most nx + ny + 2 cells.
 //!
-//! Coordinates are relative to an integer grid point near the pixel's bundle. Their rounding errors in f32 are about
-//! 1e-6 px; those of absolute coordinates would be 6e-5 px.
+//! Coordinates are relative to an integer grid point near each pixel's centre direction. Their rounding errors in f32 are
+//! about 1e-6 px; those of absolute coordinates would be 6e-5 px.
+
+mod group;
+
+pub(crate) use group::{GridLanes, Group, LaneSpans, Lines, Span};
 
 use super::grid::Grid;
 use super::lanes::{LANES, Lane, floor, max, min};
-
-/// Lines of sixteen rays in a grid's projective space: `(u, v) = (x, y) + w (sx, sy)`, in relative grid coordinates.
-#[derive(Clone, Copy)]
-pub(crate) struct Lines {
-    pub(crate) x: Lane,
-    pub(crate) y: Lane,
-    pub(crate) sx: Lane,
-    pub(crate) sy: Lane,
-}
-
-impl Lines {
-    pub(crate) const ZERO: Self =
-        Self { x: [0.0; LANES], y: [0.0; LANES], sx: [0.0; LANES], sy: [0.0; LANES] };
-}
-
-/// Range of w that contains the hits: the lines are above the sheet at `hi`, and not above it at `lo`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Span {
-    pub(crate) hi: f32,
-    pub(crate) lo: f32,
-    /// True if the whole walk stays inside the grid, so that indices need no clamping.
-    pub(crate) inside: bool,
-}
 
 /// Least magnitude of a slope, so that reciprocals stay finite.
 const TINY: f32 = 1.0e-20;
@@ -114,60 +95,55 @@ impl Walkers {
     }
 }
 
-/// Grid and bounds of a bundle's walks.
+/// Grid of a bundle's walks.
 struct Ground<'a> {
     w: &'a [f32],
     nx: i32,
     ny: i32,
     /// Largest index of a vertex with right, lower and lower right neighbours.
     last_cell: u32,
-    base: [i32; 2],
-    span: Span,
-    x_min: f32,
-    y_min: f32,
-    x_max: f32,
-    y_max: f32,
 }
 
-/// Computes the inverse depths at which a bundle's lines (at most 256, relative to `base`) hit the sheet.
+/// Computes the inverse depths at which a bundle's lines (at most 256) hit the sheet. `of` returns the grid points and spans
+/// of a group of lines.
 ///
 /// All parts take a step, then the parts with unfinished rays take one more step a round. Steps of different parts
 /// are independent, so they can overlap, and no branch depends on the length of a single walk.
 #[inline(always)]
-pub(crate) fn walk_bundle<const AVX2: bool>(
+pub(crate) fn walk_bundle<'a, const AVX2: bool>(
     grid: &Grid,
-    base: [i32; 2],
+    of: impl Fn(usize) -> Group<'a>,
     lines: &[Lines],
-    span: Span,
     walkers: &mut Walkers,
     hits: &mut [Lane],
 ) {
-    if span.inside {
-        walk_parts::<AVX2, false>(grid, base, lines, span, walkers, hits);
-    } else {
-        walk_parts::<AVX2, true>(grid, base, lines, span, walkers, hits);
-    }
+    walk_groups::<AVX2, false>(grid, &of, lines, walkers, hits);
+    walk_groups::<AVX2, true>(grid, &of, lines, walkers, hits);
 }
 
+/// Walks the groups that stay inside the grid or, with `CLAMP`, the others.
 #[inline(always)]
-fn walk_parts<const AVX2: bool, const CLAMP: bool>(
+fn walk_groups<'a, const AVX2: bool, const CLAMP: bool>(
     grid: &Grid,
-    base: [i32; 2],
+    of: &impl Fn(usize) -> Group<'a>,
     lines: &[Lines],
-    span: Span,
     walkers: &mut Walkers,
     hits: &mut [Lane],
 ) {
-    let ground = Ground::new(grid, base, span);
+    let ground = Ground::new(grid);
     let parts: &mut [Rays; PARTS] = walkers.as_array();
     let mut waiting = [0u8; PARTS];
     let mut count = 0;
     for (g, lines) in lines.iter().enumerate() {
+        let group = of(g);
+        if group.spans.inside == CLAMP {
+            continue;
+        }
         for half in 0..LANES / RAYS {
             let part = g * (LANES / RAYS) + half;
             let rays = &mut parts[part];
-            ground.start::<CLAMP>(lines, half * RAYS, rays);
-            let any = ground.step::<AVX2, CLAMP>(rays);
+            ground.start::<CLAMP>(group, lines, half * RAYS, rays);
+            let any = ground.step::<AVX2, CLAMP>(group, half * RAYS, rays);
             waiting[count] = part as u8;
             count += usize::from(any != 0);
         }
@@ -177,19 +153,25 @@ fn walk_parts<const AVX2: bool, const CLAMP: bool>(
         count = 0;
         for k in 0..waited {
             let part = waiting[k];
-            let any = ground.step::<AVX2, CLAMP>(&mut parts[usize::from(part) % PARTS]);
+            let (g, half) =
+                (usize::from(part) / (LANES / RAYS), usize::from(part) % (LANES / RAYS));
+            let rays = &mut parts[usize::from(part) % PARTS];
+            let any = ground.step::<AVX2, CLAMP>(of(g), half * RAYS, rays);
             waiting[count] = part;
             count += usize::from(any != 0);
         }
     }
     for (g, hits) in hits.iter_mut().enumerate().take(lines.len()) {
+        if of(g).spans.inside == CLAMP {
+            continue;
+        }
         for half in 0..LANES / RAYS {
             hits[half * RAYS..][..RAYS].copy_from_slice(&parts[g * (LANES / RAYS) + half].hit_w);
         }
     }
 }
 
-/// Calls [`walk_bundle`] for sixteen lines.
+/// Calls [`walk_bundle`] for sixteen lines relative to one grid point.
 #[cfg(test)]
 pub(crate) fn walk<const AVX2: bool>(
     grid: &Grid,
@@ -197,35 +179,42 @@ pub(crate) fn walk<const AVX2: bool>(
     lines: &Lines,
     span: Span,
 ) -> Lane {
+    let lanes = GridLanes::new(grid, base.map(|v| [v; LANES]));
+    walk_lanes::<AVX2>(grid, &lanes, lines, span)
+}
+
+/// Calls [`walk_bundle`] for sixteen lines.
+#[cfg(test)]
+pub(crate) fn walk_lanes<const AVX2: bool>(
+    grid: &Grid,
+    lanes: &GridLanes,
+    lines: &Lines,
+    span: Span,
+) -> Lane {
     let mut hits = [[0.0; LANES]];
     let lines = std::slice::from_ref(lines);
-    walk_bundle::<AVX2>(grid, base, lines, span, &mut Walkers::new(), &mut hits);
+    let spans = span.into();
+    let of = |_| Group { lanes, spans: &spans };
+    walk_bundle::<AVX2>(grid, of, lines, &mut Walkers::new(), &mut hits);
     hits[0]
 }
 
 impl<'a> Ground<'a> {
     #[inline(always)]
-    fn new(grid: &'a Grid, base: [i32; 2], span: Span) -> Self {
+    fn new(grid: &'a Grid) -> Self {
         let w = grid.inverse_depths_per_m();
         let (nx, ny) = (grid.nx() as i32, grid.ny() as i32);
         assert!(nx >= 2 && ny >= 2 && w.len() == (nx * ny) as usize);
-        Self {
-            w,
-            nx,
-            ny,
-            last_cell: ((ny - 2) * nx + nx - 2) as u32,
-            base,
-            span,
-            x_min: -base[0] as f32,
-            y_min: -base[1] as f32,
-            x_max: (nx - 1 - base[0]) as f32,
-            y_max: (ny - 1 - base[1]) as f32,
-        }
+        Self { w, nx, ny, last_cell: ((ny - 2) * nx + nx - 2) as u32 }
     }
 
     /// Places lines `first..first + RAYS` at the start of the bundle's span.
     #[inline(always)]
-    fn start<const CLAMP: bool>(&self, lines: &Lines, first: usize, r: &mut Rays) {
+    fn start<const CLAMP: bool>(&self, group: Group, lines: &Lines, first: usize, r: &mut Rays) {
+        let [first_x, first_y] = part(&group.lanes.first, first);
+        let [last_x, last_y] = part(&group.lanes.last, first);
+        let hi = eight(&group.spans.hi, first);
+        let base_cell = eight(&group.lanes.cell, first);
         for l in 0..RAYS {
             r.x[l] = lines.x[first + l];
             r.y[l] = lines.y[first + l];
@@ -235,13 +224,14 @@ impl<'a> Ground<'a> {
             r.inv_sx[l] = 1.0 / r.sx[l];
             r.inv_sy[l] = 1.0 / r.sy[l];
             r.inv_sd[l] = 1.0 / sd;
-            let (column, column_index) = floor(r.x[l] + r.sx[l] * self.span.hi);
-            let (row, row_index) = floor(r.y[l] + r.sy[l] * self.span.hi);
-            r.i[l] = if CLAMP { min(max(column, self.x_min - 1.0), self.x_max) } else { column };
-            r.j[l] = if CLAMP { min(max(row, self.y_min - 1.0), self.y_max) } else { row };
-            r.cell[l] = (row_index.wrapping_add(self.base[1]))
+            let (column, column_index) = floor(r.x[l] + r.sx[l] * hi[l]);
+            let (row, row_index) = floor(r.y[l] + r.sy[l] * hi[l]);
+            r.i[l] = if CLAMP { min(max(column, first_x[l] - 1.0), last_x[l]) } else { column };
+            r.j[l] = if CLAMP { min(max(row, first_y[l] - 1.0), last_y[l]) } else { row };
+            r.cell[l] = row_index
                 .wrapping_mul(self.nx)
-                .wrapping_add(column_index + self.base[0]);
+                .wrapping_add(column_index)
+                .wrapping_add(base_cell[l]);
             // w decreases, so u increases if the slope is negative, and the ray leaves the cell at the larger u.
             r.step_i[l] = if r.sx[l] < 0.0 { 1.0 } else { -1.0 };
             r.step_j[l] = if r.sy[l] < 0.0 { 1.0 } else { -1.0 };
@@ -250,7 +240,7 @@ impl<'a> Ground<'a> {
             r.edge_y[l] = (if r.sy[l] < 0.0 { 1.0 } else { 0.0 }) - r.y[l];
             r.edge_d[l] = 1.0 - (r.x[l] + r.y[l]);
             r.lower_first[l] = u32::from(sd < 0.0);
-            r.w_in[l] = self.span.hi;
+            r.w_in[l] = hi[l];
             r.hit_w[l] = f32::MIN;
             r.active[l] = 1;
         }
@@ -262,19 +252,27 @@ impl<'a> Ground<'a> {
         unsafe_code,
         reason = "a bounds check for each corner of each cell would double the loop's cost"
     )]
-    fn corners<const AVX2: bool, const CLAMP: bool>(&self, r: &Rays) -> [[f32; RAYS]; 4] {
+    fn corners<const AVX2: bool, const CLAMP: bool>(
+        &self,
+        group: Group,
+        first: usize,
+        r: &Rays,
+    ) -> [[f32; RAYS]; 4] {
         let (mut w00, mut w10) = ([0f32; RAYS], [0f32; RAYS]);
         let (mut w01, mut w11) = ([0f32; RAYS], [0f32; RAYS]);
         if CLAMP {
+            let [first_x, first_y] = part(&group.lanes.first, first);
+            let [last_x, last_y] = part(&group.lanes.last, first);
+            let base_cell = eight(&group.lanes.cell, first);
             let (mut q, mut right, mut down) = ([0u32; RAYS], [0u32; RAYS], [0u32; RAYS]);
             for l in 0..RAYS {
-                let (_, column) = floor(min(max(r.i[l], self.x_min), self.x_max));
-                let (_, row) = floor(min(max(r.j[l], self.y_min), self.y_max));
-                q[l] = ((row + self.base[1]) * self.nx + column + self.base[0]) as u32;
-                q[l] = q[l].min((self.nx * self.ny - 1) as u32);
-                right[l] = u32::from((r.i[l] >= self.x_min) & (r.i[l] < self.x_max));
-                down[l] =
-                    if (r.j[l] >= self.y_min) & (r.j[l] < self.y_max) { self.nx as u32 } else { 0 };
+                let (_, column) = floor(min(max(r.i[l], first_x[l]), last_x[l]));
+                let (_, row) = floor(min(max(r.j[l], first_y[l]), last_y[l]));
+                let cell = row.wrapping_mul(self.nx).wrapping_add(column);
+                q[l] = (cell.wrapping_add(base_cell[l]) as u32).min((self.nx * self.ny - 1) as u32);
+                right[l] = u32::from((r.i[l] >= first_x[l]) & (r.i[l] < last_x[l]));
+                let has_row_below = (r.j[l] >= first_y[l]) & (r.j[l] < last_y[l]);
+                down[l] = if has_row_below { self.nx as u32 } else { 0 };
             }
             for l in 0..RAYS {
                 let (q, right, down) = (q[l] as usize, right[l] as usize, down[l] as usize);
@@ -304,10 +302,18 @@ impl<'a> Ground<'a> {
         [w00, w10, w01, w11]
     }
 
-    /// Moves each ray through its cell. Returns 0 if all rays have hit the sheet.
+    /// Moves each ray, in lanes `first..first + RAYS`, through its cell. Returns 0 if all rays have hit the sheet.
     #[inline(always)]
-    fn step<const AVX2: bool, const CLAMP: bool>(&self, r: &mut Rays) -> u32 {
-        let [w00, w10, w01, w11] = self.corners::<AVX2, CLAMP>(r);
+    fn step<const AVX2: bool, const CLAMP: bool>(
+        &self,
+        group: Group,
+        first: usize,
+        r: &mut Rays,
+    ) -> u32 {
+        let [w00, w10, w01, w11] = self.corners::<AVX2, CLAMP>(group, first, r);
+        let [first_x, first_y] = part(&group.lanes.first, first);
+        let [last_x, last_y] = part(&group.lanes.last, first);
+        let lo = eight(&group.spans.lo, first);
         let mut any = 0u32;
         for l in 0..RAYS {
             // Inverse depths at which the line reaches the cell's edges.
@@ -316,16 +322,16 @@ impl<'a> Ground<'a> {
             if CLAMP {
                 // The outermost columns and rows extend to infinity, so they have no outer edge.
                 let (next_i, next_j) = (r.i[l] + r.step_i[l], r.j[l] + r.step_j[l]);
-                let ends_x = (next_i < self.x_min - 1.0) | (next_i > self.x_max);
-                let ends_y = (next_j < self.y_min - 1.0) | (next_j > self.y_max);
+                let ends_x = (next_i < first_x[l] - 1.0) | (next_i > last_x[l]);
+                let ends_y = (next_j < first_y[l] - 1.0) | (next_j > last_y[l]);
                 wx = if ends_x { f32::MIN } else { wx };
                 wy = if ends_y { f32::MIN } else { wy };
             }
             let w_exit = max(wx, wy);
             // In this form, NaN also ends the walk.
-            let goes_on = w_exit > self.span.lo;
+            let goes_on = w_exit > lo[l];
             let last = !goes_on;
-            let w_out = min(max(w_exit, self.span.lo), r.w_in[l]);
+            let w_out = min(max(w_exit, lo[l]), r.w_in[l]);
             let t = r.i[l] + r.j[l] + r.edge_d[l];
             let w_diagonal = max(min(t * r.inv_sd[l], r.w_in[l]), w_out);
             // Along the line, each triangle has w d = n on its plane and w d > n above it.
@@ -360,6 +366,18 @@ impl<'a> Ground<'a> {
         }
         any
     }
+}
+
+/// Returns the eight lanes from `first` on.
+#[inline(always)]
+fn eight<T>(lanes: &[T; LANES], first: usize) -> &[T; RAYS] {
+    lanes[first..].first_chunk().expect("eight lanes")
+}
+
+/// Returns the eight lanes from `first` on of both axes.
+#[inline(always)]
+fn part(lanes: &[Lane; 2], first: usize) -> [&[f32; RAYS]; 2] {
+    [eight(&lanes[0], first), eight(&lanes[1], first)]
 }
 
 /// Loads the inverse depths at the corners of eight cells: upper left (`q`), upper right, lower left, lower right.

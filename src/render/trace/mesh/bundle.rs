@@ -1,27 +1,18 @@
 //! Traces a bundle of one order against a mesh, with the same weights as against a grid.
 
-use super::super::camera::{CameraBlock, Pixel};
+use super::super::bundle::Bundle;
+use super::super::camera::CameraChunk;
 use super::super::lanes::LANES;
 use super::super::lines::{Path, points};
-use super::super::means::{NOTHING, Sums};
+use super::super::means::LaneSums;
 use super::super::scene::Scene;
 use super::super::shade::{absorbed, weights};
 use super::super::slab::Order;
 use super::super::tile::Isa;
 use super::project::Mesh;
 
-pub(in super::super) struct Bundle<'a> {
-    pub(in super::super) pixel: &'a Pixel,
-    pub(in super::super) camera: &'a CameraBlock,
-    pub(in super::super) path: Path,
-    /// Order of the bundle; `None` is R's pinhole path, with weight 1.
-    pub(in super::super) order: Option<Order>,
-    /// Number of the block's samples in the first quarter of the pixel's samples, in the first half, and in total.
-    pub(in super::super) ends: [u32; 3],
-}
-
-/// Returns the sums of a bundle's weighted radiance and the number of its misses. A miss is black. Order t_0 also adds
-/// its unweighted radiance to `transmission`.
+/// Adds a bundle's weighted radiance to `sums`; order t_0 also adds its unweighted radiance to `transmission`. Returns each
+/// pixel's number of misses. A miss is black.
 ///
 /// This function is never inlined, because the loops of scenes without meshes must not contain its code. Therefore it
 /// selects the instruction set itself.
@@ -31,16 +22,17 @@ pub(in super::super) fn follow(
     mesh: &Mesh,
     bundle: &Bundle,
     isa: Isa,
-    transmission: &mut Sums,
-) -> (Sums, u64) {
+    sums: &mut LaneSums,
+    transmission: &mut LaneSums,
+) -> [u32; LANES] {
     match isa {
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
         Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
             // SAFETY: the check above found AVX2 on this machine.
-            unsafe { follow_avx2(scene, mesh, bundle, transmission) }
+            unsafe { follow_avx2(scene, mesh, bundle, sums, transmission) }
         }
-        _ => follow_lanes(scene, mesh, bundle, transmission),
+        _ => follow_lanes(scene, mesh, bundle, sums, transmission),
     }
 }
 
@@ -50,9 +42,10 @@ fn follow_avx2(
     scene: &Scene,
     mesh: &Mesh,
     bundle: &Bundle,
-    transmission: &mut Sums,
-) -> (Sums, u64) {
-    follow_lanes(scene, mesh, bundle, transmission)
+    sums: &mut LaneSums,
+    transmission: &mut LaneSums,
+) -> [u32; LANES] {
+    follow_lanes(scene, mesh, bundle, sums, transmission)
 }
 
 #[inline(always)]
@@ -60,61 +53,58 @@ fn follow_lanes(
     scene: &Scene,
     mesh: &Mesh,
     bundle: &Bundle,
-    transmission: &mut Sums,
-) -> (Sums, u64) {
-    let &Bundle { pixel, camera, path, order, ends: [quarter, half, count] } = bundle;
-    let center = pixel.center.map(|v| v as f32);
+    sums: &mut LaneSums,
+    transmission: &mut LaneSums,
+) -> [u32; LANES] {
+    let &Bundle { patch, camera, path, order, ends: [quarter, half, count], .. } = bundle;
     let normal = scene.slab.normal.as_vec3().to_array();
     let relative = match path {
         Path::Lens { .. } => &camera.direction,
         Path::Pinhole => &camera.film,
     };
-    let mut sums = NOTHING;
-    let mut misses = 0;
-    for g in 0..(count as usize).div_ceil(LANES) {
+    let mut misses = [0; LANES];
+    for s in 0..count {
         let mut d = [[0f32; LANES]; 2];
         for k in 0..2 {
             for l in 0..LANES {
-                d[k][l] = center[k] + relative[k][g][l];
+                d[k][l] = patch.center[k][l] + relative[k][s][l];
             }
         }
-        let p = points(path, center, normal, camera, g);
-        let in_group = (count as usize - g * LANES).min(LANES);
-        let seen = mesh.see(d, p, in_group);
+        let p = points(path, &patch.center, normal, camera, s);
+        let seen = mesh.see(d, p, LANES);
         let weight =
-            order.map_or([[1.0; LANES]; 3], |order| colour_weights(scene, camera, order, g));
-        for l in 0..in_group {
-            misses += u64::from(seen.w[l] == 0.0);
-            let sample = (g * LANES + l) as u32;
-            let part = usize::from(sample >= quarter) + usize::from(sample >= half);
+            order.map_or([[1.0; LANES]; 3], |order| colour_weights(scene, camera, order, s));
+        let part = usize::from(s >= quarter) + usize::from(s >= half);
+        for l in 0..LANES {
+            misses[l] += u32::from(seen.w[l] == 0.0);
             for k in 0..3 {
                 let radiance = f64::from(seen.radiance[l][k]);
-                sums[part][k] += radiance * f64::from(weight[k][l]);
+                sums[part][l][k] += radiance * f64::from(weight[k][l]);
                 if order == Some(Order::Transmitted(0)) {
-                    transmission[part][k] += radiance;
+                    transmission[part][l][k] += radiance;
                 }
             }
         }
     }
-    (sums, misses)
+    misses
 }
 
-/// Computes the weights of an order for group `g`: red, green, blue.
+/// Computes the weights of an order of sample `s`: red, green, blue.
 #[inline(always)]
 fn colour_weights(
     scene: &Scene,
-    camera: &CameraBlock,
+    camera: &CameraChunk,
     order: Order,
-    g: usize,
+    s: usize,
 ) -> [[f32; LANES]; 3] {
     let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
-    let weight = weights(order, [&rs[g], &rp[g]], [&ts[g], &tp[g]]);
+    let weight = weights(order, [&rs[s], &rp[s]], [&ts[s], &tp[s]]);
     let slab = &scene.slab;
     if !slab.absorbs_in(order) {
         return [weight; 3];
     }
     slab.absorption_per_m.map(|a| {
         let optical_depth = (a * slab.thickness_m) as f32;
-        absorbed(&weight, order, optical_depth, &camera.inverse_cos_t[g])
+        absorbed(&weight, order, optical_depth, &camera.inverse_cos_t[s])
     })
 }

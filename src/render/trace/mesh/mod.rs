@@ -20,7 +20,7 @@ mod project;
 mod tree;
 mod woop;
 
-pub(super) use bundle::{Bundle, follow};
+pub(super) use bundle::follow;
 pub use project::{MAX_COORDINATE_M, Mesh, MeshCounts, NEAR_M};
 
 #[cfg(test)]

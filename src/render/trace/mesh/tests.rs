@@ -2,12 +2,13 @@
 
 #![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 
-use super::super::camera::{CameraBlock, Pixel};
+use super::super::camera::{CHUNK, CameraChunk};
 use super::super::lanes::{LANES, Lane};
-use super::super::lines::{LineMaker, Path, points};
+use super::super::lines::{LineMaker, Path, ViewLanes, points};
+use super::super::patch::Patch;
 use super::super::slab::Order;
 use super::super::tests::{full_span, random, scene};
-use super::super::walk::walk;
+use super::super::walk::walk_lanes;
 use super::super::{Pose, Surface, View};
 use super::*;
 use glam::{DMat3, DVec3};
@@ -349,7 +350,7 @@ fn from_capture(view: &View, uv: [f64; 2], w: f64) -> DVec3 {
 /// every kind of pose.
 #[test]
 fn a_sheet_and_its_mesh_are_hit_alike() {
-    let mut camera = CameraBlock::new();
+    let mut camera = CameraChunk::new();
     for (tilt_deg, general) in [([0.0, 0.0], false), ([12.0, -25.0], false), ([-4.0, 6.0], true)] {
         let scene = scene(tilt_deg, general, false, 2.0);
         for (surface, order) in
@@ -363,24 +364,25 @@ fn a_sheet_and_its_mesh_are_hit_alike() {
             let path = Path::Lens { constant, slope };
             let normal = scene.slab.normal.as_vec3().to_array();
             let (mut tested, mut flips, mut outside, mut worst) = (0, 0, 0, 0f64);
-            for (x, y) in (4..80).step_by(7).flat_map(|y| (5..120).step_by(7).map(move |x| (x, y)))
+            for (x, y) in (4..80).step_by(8).flat_map(|y| (4..120).step_by(8).map(move |x| (x, y)))
             {
-                let pixel = Pixel::new(&scene, x, y);
-                camera.fill(&scene, &pixel, 0, 256);
-                let maker = LineMaker::new(&scene, view, &pixel, path);
-                for g in 0..16 {
-                    let lines = maker.lines(&camera, g);
-                    let w =
-                        walk::<false>(&view.grid, maker.base, &lines, full_span(&view.grid, false));
-                    let center = pixel.center.map(|v| v as f32);
+                let patch = Patch::new(&scene, x, y);
+                camera.fill(&scene, &patch, 32, CHUNK);
+                let lanes = ViewLanes::new(view, &patch);
+                let maker = LineMaker::new(&scene, view, &patch, &lanes, path);
+                for s in 0..CHUNK {
+                    let lines = maker.lines(&camera, s);
+                    let span = full_span(&view.grid, false);
+                    let w = walk_lanes::<false>(&view.grid, &lanes.grid, &lines, span);
                     let d: [Lane; 2] = std::array::from_fn(|k| {
-                        camera.direction[k][g].map(|relative| center[k] + relative)
+                        std::array::from_fn(|l| patch.center[k][l] + camera.direction[k][s][l])
                     });
-                    let seen = mesh.see(d, points(path, center, normal, &camera, g), LANES);
+                    let seen = mesh.see(d, points(path, &patch.center, normal, &camera, s), LANES);
                     for l in 0..LANES {
+                        let [x, y] = &lanes.grid.base;
                         let at = [
-                            lines.x[l] + lines.sx[l] * w[l] + maker.base[0] as f32,
-                            lines.y[l] + lines.sy[l] * w[l] + maker.base[1] as f32,
+                            lines.x[l] + lines.sx[l] * w[l] + x[l] as f32,
+                            lines.y[l] + lines.sy[l] * w[l] + y[l] as f32,
                         ]
                         .map(f64::from);
                         // The sheet continues beyond its border; the mesh does not.

@@ -1,0 +1,62 @@
+//! Keeps the bits of the tracer for many numbers of samples and sizes of films, which the golden scenes do not cover.
+
+use super::golden_scenes::variant;
+use crate::trace::{Isa, Scene, Tile, trace_tile};
+
+/// Golden scenes, and the digests of their pixels with all films and numbers of samples below.
+const KEPT: [(&str, &str); 6] = [
+    ("mirror", "62be1de38f584901b6ade4aff5412b0e9bd3db985b363539f08d39a0976742ec"),
+    ("camera", "7d9c5f23bb8eca836d20d564b5218d88a572ad64e954e3f33f66c94c82c15c37"),
+    ("tilted-absorbing", "6af802d12dabfa25f9fb405da3ba7e186cabc063bebded1c2a9f19d6f5251187"),
+    ("tilted-camera-gaussian", "22657ce53312bf2e6a796e40bfa9a9285ba1aeb44c1268c90daa7e1f789fd6e3"),
+    ("pinhole", "d6f184f08186c63bc03bb42a353420742bea8c0b3b6c48b180e28b407567f873"),
+    ("steep", "90f83f05940f9c5461fe5f18dcf0f02bd8f303da31ed1333a5721086c7561f12"),
+];
+
+/// Widths and heights of films, px: also no multiples of the side of a patch, and smaller than a patch.
+const FILMS_PX: [[u32; 2]; 3] = [[16, 10], [13, 7], [3, 9]];
+
+/// Traces two tiles, cut at column `cut`, and returns the pixels of the whole film in rows.
+fn film(scene: &Scene, cut: u32, isa: Isa) -> Vec<f32> {
+    let (width, height) = (scene.film.width, scene.film.height);
+    let trace = |x: u32, width: u32| {
+        let tile = Tile { x, y: 0, width, height };
+        trace_tile(scene, tile, 0..scene.spp, isa).pixels
+    };
+    let (left, right) = (trace(0, cut), trace(cut, width - cut));
+    let mut values = Vec::new();
+    for y in 0..height as usize {
+        for (pixels, width) in [(&left, cut as usize), (&right, (width - cut) as usize)] {
+            values.extend(pixels[y * width..][..width].iter().flat_map(|pixel| pixel.values()));
+        }
+    }
+    values
+}
+
+#[test]
+fn bits_are_kept_for_all_numbers_of_samples_films_and_cuts() {
+    let mut found = Vec::new();
+    for (name, _) in KEPT {
+        let mut hasher = blake3::Hasher::new();
+        for film_px in FILMS_PX {
+            for spp in (0..=10).map(|log2| 1 << log2) {
+                let scene = variant(name, film_px, spp);
+                let values = film(&scene, 0, Isa::detect());
+                for value in &values {
+                    hasher.update(&value.to_le_bytes());
+                }
+                let bits =
+                    |values: Vec<f32>| values.into_iter().map(f32::to_bits).collect::<Vec<_>>();
+                let expected = bits(values);
+                let cut = bits(film(&scene, film_px[0] / 2 + 1, Isa::Baseline));
+                assert!(
+                    cut == expected,
+                    "{name}, {film_px:?} px, {spp} samples: tiles change bits"
+                );
+            }
+        }
+        found.push((name, hasher.finalize().to_hex().to_string()));
+    }
+    let kept = KEPT.map(|(name, digest)| (name, digest.to_owned()));
+    assert_eq!(found, kept, "pixels have changed: see golden.rs");
+}

@@ -1,0 +1,275 @@
+//! The estimator: traces the pixels of a patch in bundles, and computes the four layers from the same camera samples.
+//!
+//! ```text
+//! camera sample s = (film point, lens point)                       -> ray
+//! T  = mean over s of F(t_0 line)                                  (virtual glass: bent, weight 1)
+//! F_ = sum over orders k of mean over s of weight_k(s) F(t_k line)
+//! R~ = sum over orders k of mean over s of weight_k(s) B(r_k line)
+//! I  = F_ + R~             (with `first_reflection_alone`, I has all orders of R~, but the layer R~ only r_0)
+//! R  = mean over film points of B(mirrored pinhole ray)            (no glass, no lens)
+//! ```
+//!
+//! F and B are the radiances of the front and the back photograph at the line's first hit with the sheet (or mesh) of
+//! each. A path ends at this hit, because a photograph has the radiance that leaves the surface (Eq. 1 of the paper).
+//!
+//! A bundle is the rays of up to sixteen samples of the sixteen pixels of a patch, along one order. Lanes are pixels, so
+//! that no lane is idle if pixels take few samples.
+
+use super::bundle::{Bundle, BundleRays, Feeds};
+use super::camera::{CHUNK, CameraChunk};
+use super::lanes::LANES;
+use super::lines::{Path, ViewLanes};
+use super::means::{Components, LaneSums, NO_SUMS, NOTHING, Wanted, add_means_of, ends_in_block};
+use super::mesh;
+use super::orders::FollowedOrder;
+use super::patch::Patch;
+use super::sampler::BLOCK;
+use super::scene::{Scene, Surface};
+use super::slab::Order;
+use super::spans::Spans;
+use super::tile::Isa;
+use crate::layer::{Layer, PerLayer};
+use std::ops::Range;
+
+/// Tracer of a scene's patches, with counts of their paths.
+///
+/// `AVX2` selects the kernels; only functions compiled for AVX2 set it.
+pub(super) struct Tracer<'a, const AVX2: bool> {
+    scene: &'a Scene,
+    camera: Box<CameraChunk>,
+    rays: Box<BundleRays>,
+    spans: Spans,
+    /// Sums of the current block of samples: of the orders of the front and of the back, of T and of R.
+    sums: Vec<LaneSums>,
+    /// Sums of all blocks, in the same order.
+    totals: Vec<LaneSums>,
+    paths: PerLayer<u64>,
+    misses: PerLayer<u64>,
+}
+
+/// A patch, the coordinates of the views of the front and of the back for it (`None` for a mesh), and the pixels that count.
+struct Place {
+    patch: Patch,
+    views: [Option<ViewLanes>; 2],
+    live: [bool; LANES],
+}
+
+/// Sizes of a range of samples: their number, the number of a block and of R's.
+#[derive(Clone, Copy)]
+struct Counts {
+    all: u32,
+    block: u32,
+    clean: u32,
+}
+
+impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
+    pub(super) fn new(scene: &'a Scene) -> Self {
+        let sums = scene.orders.front.len() + scene.orders.back.len() + 2;
+        Self {
+            scene,
+            camera: CameraChunk::new(),
+            rays: BundleRays::new(),
+            spans: Spans::new(scene, sums),
+            sums: vec![NO_SUMS; sums],
+            totals: vec![NO_SUMS; sums],
+            paths: PerLayer::default(),
+            misses: PerLayer::default(),
+        }
+    }
+
+    /// Returns the numbers of paths and misses of the layers so far.
+    pub(super) fn counts(&self) -> (PerLayer<u64>, PerLayer<u64>) {
+        (self.paths, self.misses)
+    }
+
+    /// Traces the `wanted` components of the patch at (`x`, `y`) with `samples`, an aligned power-of-two block. R takes only
+    /// the first `clean` samples of the block. Paths of pixels that are not `live` are not counted.
+    #[inline(always)]
+    pub(super) fn patch(
+        &mut self,
+        (x, y): (u32, u32),
+        live: [bool; LANES],
+        samples: &Range<u32>,
+        clean: u32,
+        wanted: Wanted,
+    ) -> [Components; LANES] {
+        let scene = self.scene;
+        let patch = Patch::new(scene, x, y);
+        let views = [&scene.front, &scene.back].map(|surface| match surface {
+            Surface::Sheet(view) => Some(ViewLanes::new(view, &patch)),
+            Surface::Mesh(_) => None,
+        });
+        let place = Place { patch, views, live };
+        let all = samples.end - samples.start;
+        let counts = Counts { all, block: all.min(BLOCK as u32), clean };
+        self.totals.fill(NO_SUMS);
+        for before in (0..all).step_by(counts.block as usize) {
+            self.sums.fill(NO_SUMS);
+            for first in (before..before + counts.block).step_by(CHUNK) {
+                let taken = counts.block.min(CHUNK as u32);
+                self.camera.fill(scene, &place.patch, samples.start + first, taken as usize);
+                self.follow_orders(&place, wanted, counts, [before, first]);
+                if wanted.clean {
+                    let within = |end: u32| end.saturating_sub(first).min(taken) as usize;
+                    let ends = [clean / 4, clean / 2, clean].map(within);
+                    let sums = self.sums.len() - 1;
+                    let path = (Path::Pinhole, None, Feeds::Order);
+                    self.follow(&place, path, sums, clean, ends);
+                }
+            }
+            for (total, sums) in self.totals.iter_mut().zip(&self.sums) {
+                let total = total.as_flattened_mut().as_flattened_mut();
+                for (total, sum) in total.iter_mut().zip(sums.as_flattened().as_flattened()) {
+                    *total += sum;
+                }
+            }
+        }
+        std::array::from_fn(|l| self.components(l, counts))
+    }
+
+    /// Traces the current chunk along the orders of the glass. `before` is the first sample of its block, and `first` its own,
+    /// both counted from the start of the range.
+    #[inline(always)]
+    fn follow_orders(
+        &mut self,
+        place: &Place,
+        wanted: Wanted,
+        counts: Counts,
+        [before, first]: [u32; 2],
+    ) {
+        let orders = &self.scene.orders;
+        let (block, blocks) = (counts.block, counts.all / counts.block);
+        // T needs only the first order of the front, t_0.
+        let of_front = match (wanted.front, wanted.bare) {
+            (true, _) => orders.front.len(),
+            (false, bare) => usize::from(bare),
+        };
+        let of_back = orders.back.len() * usize::from(wanted.back);
+        for k in 0..of_front + of_back {
+            let (followed, sums) = match k.checked_sub(of_front) {
+                None => (&orders.front[k], k),
+                Some(k) => (&orders.back[k], orders.front.len() + k),
+            };
+            let of_block = followed.samples_of_block(block);
+            let within = |end: u32| end.saturating_sub(first - before).min(CHUNK as u32) as usize;
+            let ends = ends_in_block(of_block, before / block, blocks).map(within);
+            let feeds = match followed.order {
+                // T receives t_0 even if the scene does not request T: the request must not affect I's bits.
+                Order::Transmitted(0) if wanted.front => Feeds::Both,
+                Order::Transmitted(0) if wanted.bare => Feeds::Bare,
+                _ => Feeds::Order,
+            };
+            let path = (self.path(followed), Some(followed.order), feeds);
+            self.follow(place, path, sums, of_block * blocks, ends);
+        }
+    }
+
+    /// Returns the path of an order; its shift is a linear function of gamma.
+    fn path(&self, followed: &FollowedOrder) -> Path {
+        let constant = self.scene.slab.kappa_m(followed.order, 0.0);
+        Path::Lens { constant, slope: self.scene.slab.kappa_m(followed.order, 1.0) - constant }
+    }
+
+    /// Traces the current chunk along one order (or R's pinhole path), and adds its radiance to the sums with index `sums`. A
+    /// pixel takes `samples` along this path in all chunks.
+    #[inline(always)]
+    fn follow(
+        &mut self,
+        place: &Place,
+        (path, order, feeds): (Path, Option<Order>, Feeds),
+        sums: usize,
+        samples: u32,
+        ends: [usize; 3],
+    ) {
+        if ends[2] == 0 {
+            return;
+        }
+        let scene = self.scene;
+        let side = usize::from(!matches!(order, Some(Order::Transmitted(_))));
+        let bundle = Bundle {
+            patch: &place.patch,
+            camera: &self.camera,
+            number: sums,
+            samples,
+            path,
+            order,
+            feeds,
+            ends,
+        };
+        let bare = self.sums.len() - 2;
+        let [sums, bare] = self.sums.get_disjoint_mut([sums, bare]).expect("T has its own sums");
+        let misses = match ([&scene.front, &scene.back][side], &place.views[side]) {
+            (Surface::Sheet(view), Some(lanes)) => {
+                let (spans, rays) = (&mut self.spans, &mut self.rays);
+                rays.follow::<AVX2>(scene, view, lanes, &bundle, spans, [sums, bare])
+            }
+            (Surface::Mesh(mesh), _) => {
+                let isa = if AVX2 { Isa::Avx2 } else { Isa::Baseline };
+                mesh::follow(scene, mesh, &bundle, isa, sums, bare)
+            }
+            (Surface::Sheet(_), None) => unreachable!("each sheet has coordinates"),
+        };
+        self.count_paths(place, order, feeds, ends[2], &misses);
+    }
+
+    /// Returns the components of pixel `l`, from the sums of all blocks.
+    #[inline(always)]
+    fn components(&self, l: usize, counts: Counts) -> Components {
+        let scene = self.scene;
+        let orders = &scene.orders;
+        let (of_front, others) = self.totals.split_at(orders.front.len());
+        let (of_back, others) = others.split_at(orders.back.len());
+        let blocks = counts.all / counts.block;
+        let mean_of = |list: &[FollowedOrder], sums: &[LaneSums]| {
+            let mut total = NOTHING;
+            for (followed, sums) in list.iter().zip(sums) {
+                add_means_of(&mut total, sums, l, followed.samples_of_block(counts.block) * blocks);
+            }
+            total
+        };
+        let reflected = mean_of(&orders.back, of_back);
+        let back = match orders.back.first() {
+            Some(first) if scene.first_reflection_alone && first.order == Order::Reflected(0) => {
+                mean_of(&orders.back[..1], of_back)
+            }
+            _ if scene.first_reflection_alone => NOTHING,
+            _ => reflected,
+        };
+        let [mut bare, mut clean] = [NOTHING; 2];
+        add_means_of(&mut bare, &others[0], l, counts.all);
+        add_means_of(&mut clean, &others[1], l, counts.clean.max(1));
+        Components { front: mean_of(&orders.front, of_front), bare, reflected, back, clean }
+    }
+
+    /// Counts `samples` paths of each live pixel, and their misses, for the layers that an order (or R's path) feeds.
+    #[inline(always)]
+    fn count_paths(
+        &mut self,
+        place: &Place,
+        order: Option<Order>,
+        feeds: Feeds,
+        samples: usize,
+        misses: &[u32; LANES],
+    ) {
+        let layers: &[Layer] = match (order, feeds) {
+            (Some(Order::Transmitted(_)), Feeds::Both) => &[Layer::Input, Layer::Transmission],
+            (Some(Order::Transmitted(_)), Feeds::Bare) => &[Layer::Transmission],
+            (Some(Order::Transmitted(_)), Feeds::Order) => &[Layer::Input],
+            (Some(Order::Reflected(1..)), _) if self.scene.first_reflection_alone => {
+                &[Layer::Input]
+            }
+            (Some(Order::Reflected(_)), _) => &[Layer::Input, Layer::GlassReflection],
+            (None, _) => &[Layer::CleanReflection],
+        };
+        let (mut paths, mut missed) = (0, 0);
+        for l in 0..LANES {
+            let counts = u64::from(place.live[l]);
+            paths += counts * samples as u64;
+            missed += counts * u64::from(misses[l]);
+        }
+        for &layer in layers {
+            self.paths[layer] += paths;
+            self.misses[layer] += missed;
+        }
+    }
+}
