@@ -27,7 +27,9 @@ fn film(scene: &Scene, cut: u32, isa: Isa) -> Vec<f32> {
     let mut values = Vec::new();
     for y in 0..height as usize {
         for (pixels, width) in [(&left, cut as usize), (&right, (width - cut) as usize)] {
-            values.extend(pixels[y * width..][..width].iter().flat_map(|pixel| pixel.values()));
+            for pixel in &pixels[y * width..][..width] {
+                values.extend(pixel.values());
+            }
         }
     }
     values
