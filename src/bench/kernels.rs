@@ -12,7 +12,7 @@ use render::trace::{
 use serde::Serialize;
 use std::hint::black_box;
 
-/// Distance between adjacent pixels with measured bundles, across and down, px.
+/// Distance between adjacent patches with measured bundles, across and down, px.
 const STEP_PX: u32 = 4;
 
 /// Number of tiles across and down, and their side, px, for [`tracer`].

@@ -209,7 +209,7 @@ fn dumped_rays_hit_the_dumped_mesh() {
         let (nx, ny) =
             (class["nx"].as_u64().unwrap() as usize, class["ny"].as_u64().unwrap() as usize);
         assert_eq!(hits.len(), class["count"].as_u64().unwrap() as usize);
-        // The dump has 256 rays for every fourth pixel of every fourth row of 40 x 24 px.
+        // The dump has 16 rays for every pixel of 40 x 24 px.
         assert_eq!((hits.len(), rays.len()), (10 * 6 * 256, hits.len() * 6));
         assert_eq!((nx, ny, vertices.len()), (64, 48, 64 * 48 * 3));
         assert!(class["kernel_mrays_per_s"].as_f64().unwrap() > 0.0);

@@ -44,8 +44,8 @@ struct OfPath {
     pixels: Option<([u32; 2], Box<[OfPixel; LANES]>)>,
 }
 
-/// Spans of the paths of a scene. A span does not change the cell that a ray hits, so pixels do not depend on the choice of
-/// squares and spans.
+/// Spans of the paths of a scene. The choice of a span depends only on scene, patch and range of samples, so pixels do not depend
+/// on tiles, even if a hit at the end of a span were to.
 pub(super) struct Spans(Vec<OfPath>);
 
 impl Spans {

@@ -51,7 +51,7 @@ Examples:
     #[command(after_help = "\
 Rates count CPU time of one thread; tables have the median and the best of the passes. Passes alternate
 between AVX2 and baseline, unless --isa avx2 or --isa baseline selects one. For each scene:
-  intersection    span and walk for 256 samples of every fourth pixel in x and y, without the time to
+  intersection    span and walk for 16 samples of every pixel, in bundles of 4 x 4 px, without the time to
                   make camera samples and lines
   whole tracer    sixteen tiles of 16 x 16 px, 256 samples: camera samples, all orders, radiance, sums
   grid            construction of the grid and its pyramid
