@@ -167,7 +167,7 @@ pub(super) fn checkpoint(place: &Path, output: &Output) -> Result<Checkpoint, Fa
             }
         }
     }
-    let (newest, refused) = Checkpoint::newest(&folder, &Device::Cpu)
+    let (newest, refused) = Checkpoint::newest(&folder, 1, &Device::Cpu)
         .map_err(|e| failure!(Exit::Failed, "cannot list {}: {e}", folder.display()))?;
     for error in refused {
         output.warning(&error.to_string());
@@ -219,7 +219,8 @@ pub(super) fn trainings(run: &Path) -> Result<Vec<RunTraining>, Failure> {
     let mut trainings = Vec::new();
     for name in names {
         let folder = training_folder(run, name.as_deref());
-        if !steps(&stage_folder(&folder, Stage::Separation)).map_err(failed)?.is_empty() {
+        let steps = steps(&stage_folder(&folder, Stage::Separation)).map_err(failed)?;
+        if steps.last().is_some_and(|newest| *newest > 0) {
             trainings.push(RunTraining { name, folder });
         }
     }

@@ -270,14 +270,15 @@ impl Checkpoint {
         Ok(Self { path: path.to_owned(), model, moments: HashMap::new(), state })
     }
 
-    /// Reads the newest usable checkpoint of a stage; also returns the errors of newer checkpoints.
-    /// Fails if the folder cannot be listed.
+    /// Reads the newest usable checkpoint of a stage from step `least` on; also returns the errors of newer checkpoints.
+    /// The checkpoint of step 0 has the settings of a training, but nothing learnt. Fails if the folder cannot be listed.
     pub fn newest(
         stage_folder: &Path,
+        least: u64,
         device: &Device,
     ) -> std::io::Result<(Option<Self>, Vec<CheckpointError>)> {
         let mut refused = Vec::new();
-        for step in steps(stage_folder)?.into_iter().rev() {
+        for step in steps(stage_folder)?.into_iter().rev().take_while(|step| *step >= least) {
             match Self::read(&checkpoint_folder(stage_folder, step), device) {
                 Ok(checkpoint) => return Ok((Some(checkpoint), refused)),
                 Err(error) => refused.push(error),

@@ -49,9 +49,9 @@ impl Beginning {
         device: &Device,
         watcher: &mut dyn Watcher,
     ) -> Result<Self, TrainError> {
-        let mut newest = |stage| {
+        let mut newest = |stage, least| {
             let folder = stage_folder(training, stage);
-            let (checkpoint, refused) = Checkpoint::newest(&folder, device)
+            let (checkpoint, refused) = Checkpoint::newest(&folder, least, device)
                 .map_err(|source| TrainError::Read { path: folder, source })?;
             for error in refused {
                 let older = match &checkpoint {
@@ -62,9 +62,9 @@ impl Beginning {
             }
             Ok::<_, TrainError>(checkpoint)
         };
-        let own = newest(stage)?;
+        let own = newest(stage, 0)?;
         let before = match stage {
-            Stage::Separation if own.is_none() => newest(Stage::Backtrack)?,
+            Stage::Separation if own.is_none() => newest(Stage::Backtrack, 1)?,
             _ => None,
         };
         Ok(Self { own, before, from: None })

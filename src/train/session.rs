@@ -206,6 +206,10 @@ impl Session {
             if self.probe.is_none() {
                 self.probe = examples.first().cloned();
                 self.try_checkpoint()?;
+                if self.last.is_none() {
+                    // A training killed before its first due checkpoint resumes with its own settings.
+                    self.write(None, schedule, watcher)?;
+                }
             }
             let batch = Batch::new(&examples, self.learner.device())?;
             let losses = self.learner.step(self.step, &batch, &mut |_| {})?;

@@ -32,8 +32,8 @@ fn an_exploding_training_leaves_no_checkpoint() {
         assert!(!place.folder_of("backtrack", 1).exists());
         assert!(!place.run.join("train/backtrack/best.json").exists());
     }
-    // The refusal does not hinder another attempt.
-    place.train("backtrack", "1", &small(&[]));
+    // The refusal does not hinder another attempt, with another rate than that of the checkpoint of step 0.
+    place.train("backtrack", "1", &small(&["--learning-rate", "1e-4"]));
 }
 
 fn trained() -> Place {

@@ -299,14 +299,25 @@ fn a_killed_unet_resumes_with_the_same_bits_and_separates() {
     let unet = |more: &[&'static str]| -> Vec<&str> { UNET.iter().chain(more).copied().collect() };
     let arguments = whole.arguments("separation", "30", &unet(&["-j", "1"]));
     run(&arguments).expect(0).says(&["step 30: ", "light out over light in "]);
-    let more = unet(&["-j", "2", "--checkpoint-every", "3"]);
     let csv = killed.run.join("train/separation/metrics.csv");
     let lines = || std::fs::read_to_string(&csv).unwrap_or_default().lines().count();
-    let at = random(20);
-    let mut child = command(&killed.arguments("separation", "30", &more)).spawn().unwrap();
-    wait_until(&mut child, || lines() > at);
-    child.kill().unwrap();
-    assert_eq!(child.wait().unwrap().signal(), Some(9), "training ended before the kill");
+    // The first kill comes before the first due checkpoint; the training keeps its settings.
+    let before_any = unet(&["-j", "2", "--checkpoint-every", "100"]);
+    let later = vec!["-j", "2", "--checkpoint-every", "3"];
+    for (more, at) in [(before_any, 1), (later, 3 + random(17))] {
+        let mut child = command(&killed.arguments("separation", "30", &more)).spawn().unwrap();
+        wait_until(&mut child, || lines() > at);
+        child.kill().unwrap();
+        assert_eq!(child.wait().unwrap().signal(), Some(9), "training ended before the kill");
+        if at == 1 {
+            let alone = killed.folder_of("separation", 0);
+            assert!(alone.join("state.json").is_file());
+            // Nothing is learnt yet, so no command takes these weights for a network.
+            run(&["separate", "x.png", "--network", text(&killed.run), "--out", "y"])
+                .expect(4)
+                .says(&["no usable checkpoint"]);
+        }
+    }
     let ended = killed.train("separation", "30", &["-j", "1"]);
     assert_eq!(ended["step"].as_u64(), Some(30));
     assert!(killed.checkpoint("separation", 30) == whole.checkpoint("separation", 30));
