@@ -132,7 +132,7 @@ fn text(report: &ErrorReport) -> String {
             .tail_slope
             .map_or_else(String::new, |s| format!(", samples^{s:.2} from 16 samples on"));
         let fitted = slope.slope.map_or_else(
-            || "too few rungs for a slope".to_owned(),
+            || "no slope without two rungs of samples".to_owned(),
             |s| format!("RMSE ~ samples^{s:.2} over {} rungs{tail}", slope.rungs),
         );
         let _ = writeln!(text, "\n{}, {}: {fitted}\n", slope.layer, slope.variant);

@@ -167,7 +167,9 @@ pub fn climb(
                     cpu_s,
                     deviation,
                     stated_rmse,
-                    stated_over_true: stated_rmse.map(|s| s / deviation.rmse),
+                    stated_over_true: stated_rmse
+                        .filter(|_| deviation.rmse > 0.0)
+                        .map(|s| s / deviation.rmse),
                 });
             }
         }
@@ -181,7 +183,8 @@ const CLEAR_OF_REFERENCE: f64 = 3.0;
 /// Least number of samples per pixel in the tail.
 const TAIL_SAMPLES: f64 = 16.0;
 
-/// Fits the slopes of RMSE against the layer's samples, by variant and layer. Omits rungs near the reference's error.
+/// Fits the slopes of RMSE against the layer's samples, by variant and layer. Omits rungs near the reference's error,
+/// and layers in closed form, which have no samples.
 pub fn slopes(rows: &[LayerRow], reference: &Reference) -> Vec<Slope> {
     let mut slopes = Vec::new();
     for variant in VARIANTS {
@@ -192,7 +195,7 @@ pub fn slopes(rows: &[LayerRow], reference: &Reference) -> Vec<Slope> {
                 .iter()
                 .filter(|row| row.variant == variant.name && row.layer == layer)
                 .map(|row| (row.samples, row.deviation.rmse))
-                .filter(|(_, rmse)| *rmse >= floor)
+                .filter(|(samples, rmse)| *samples > 0.0 && *rmse >= floor)
                 .collect();
             let tail: Vec<(f64, f64)> =
                 points.iter().copied().filter(|(samples, _)| *samples >= TAIL_SAMPLES).collect();

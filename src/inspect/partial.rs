@@ -26,7 +26,8 @@ pub(super) fn read(input: &Input, head: &Head) -> Inspection {
     match decode(Path::new(input.name), input.bytes) {
         Ok(partial) => {
             for layer in Layer::ALL {
-                if partial.header.layer_samples[layer] == 0 {
+                let header = &partial.header;
+                if header.layer_samples[layer] == 0 && !header.is_closed_form(layer) {
                     found
                         .facts
                         .say(layer.name(), "not requested, or without samples in this range");

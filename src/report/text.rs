@@ -9,7 +9,8 @@ pub(super) fn exact(value: f64, text: &str) -> Markup {
 
 /// Formats an error of linear radiance.
 pub(super) fn error(value: f64) -> Markup {
-    exact(value, &format!("{value:.2e}"))
+    let text = if value == 0.0 { "0".to_owned() } else { format!("{value:.2e}") };
+    exact(value, &text)
 }
 
 /// Formats seconds with three decimals below 1, two below 100, and none from 100.

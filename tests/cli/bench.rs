@@ -45,6 +45,11 @@ fn more_samples_reduce_the_error() {
                 rows.iter().map(|row| row[key].as_f64().unwrap()).collect()
             };
             assert_eq!(of("spp"), [1.0, 4.0, 16.0]);
+            if layer == "clean_reflection" {
+                // With apex `mirror`, R is in closed form.
+                assert_eq!((of("samples"), of("rmse")), (vec![0.0; 3], vec![0.0; 3]));
+                continue;
+            }
             // Both reflected orders of the pane are faint and therefore get half the samples, but at least one.
             let thinning = if layer == "glass_reflection" { 2.0 } else { 1.0 };
             let samples = [1.0, 4.0 / thinning, 16.0 / thinning];
@@ -74,7 +79,7 @@ fn more_samples_reduce_the_error() {
     assert!(lines[1].starts_with("sobol,input,1,1,"), "{}", lines[1]);
     assert!(lines.iter().all(|line| line.split(',').count() == 13));
     let svg = std::fs::read_to_string(out.join("error.svg")).unwrap();
-    assert_eq!(svg.matches("stroke-width=\"1.8\"").count(), 3 * 2 * 4 + 3);
+    assert_eq!(svg.matches("stroke-width=\"1.8\"").count(), 3 * 2 * 3 + 3);
 
     // The second call reuses the reference. A call with the reference's folder finds the same errors; without --json,
     // it prints tables.
@@ -139,6 +144,11 @@ fn independent_samples_agree_with_sobol_and_converge_slower() {
     let rows = climb(&scene, &ladder, &reference, &work).unwrap().unwrap();
     let fixed = |slope: &Slope| slope.variant != "adaptive";
     for slope in slopes(&rows, &reference).into_iter().filter(fixed) {
+        if slope.layer == "clean_reflection" {
+            // R is in closed form.
+            assert_eq!(slope.slope, None);
+            continue;
+        }
         let found = slope.slope.unwrap();
         eprintln!("{} {}: {found:.3} over {}", slope.variant, slope.layer, slope.rungs);
         if slope.variant == "independent" {
@@ -150,13 +160,13 @@ fn independent_samples_agree_with_sobol_and_converge_slower() {
     // Finished cells take no more samples, and the error of every cell is less than twice the row's target.
     for row in rows.iter().filter(|row| row.variant == "adaptive") {
         let target = 0.03 / f64::from(row.spp).sqrt();
-        assert!(row.deviation.cell_rmse_worst < 2.0 * target, "{row:?}");
+        assert!(row.deviation.cell_rmse_worst <= 2.0 * target, "{row:?}");
         assert!(row.spp < 64 || row.samples < 64.0, "{row:?}");
         if row.layer != "clean_reflection" {
             assert!((0.7..1.4).contains(&row.stated_over_true.unwrap()), "{row:?}");
         }
     }
-    for row in rows.iter().filter(|row| row.variant == "independent") {
+    for row in rows.iter().filter(|row| row.variant == "independent" && row.samples > 0.0) {
         // Errors of different pixels are independent. Errors of one pixel's colours, or of the reference, may be
         // correlated.
         let values = f64::from(32 * 32 * ladder.seeds);

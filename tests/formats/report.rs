@@ -128,9 +128,9 @@ fn the_report_has_the_numbers_of_the_tuples() {
         assert_eq!(row[2], errors[2], "{layer}: the upper of the two medians");
         assert_eq!(row[4], errors[SCENES - 1], "{layer}");
     }
-    // With one worker, the plot has a point for each layer of each scene.
+    // With one worker, the plot has a point for each layer of each scene, except for R, which has no error.
     let points = all(&html, "#errors circle").len();
-    assert_eq!(points, 4 * SCENES);
+    assert_eq!(points, 3 * SCENES);
 }
 
 #[test]
@@ -170,7 +170,7 @@ fn a_stopped_worker_writes_its_log() {
     let shown = values(one(&html, "#stage-trace"))[0];
     assert!((shown - trace).abs() < 1e-9, "{shown} {trace}");
     // Two workers traced parts of a scene, and their logs have its whole cost.
-    assert_eq!(all(&html, "#errors circle").len(), 4 * SCENES);
+    assert_eq!(all(&html, "#errors circle").len(), 3 * SCENES);
 }
 
 #[test]
@@ -180,7 +180,7 @@ fn half_done_and_damaged_runs_have_a_report() {
     let mut single = scene("single");
     single["film"]["spp"] = json!(1);
     let mut some = scene("some");
-    some["film"]["layers"] = json!(["transmission", "clean_reflection"]);
+    some["film"]["layers"] = json!(["input", "transmission"]);
     let lines = [scene("good"), single, some, scene("torn"), scene("empty"), scene("bad")];
     let manifest = folder.path().join("<b>&scenes.jsonl");
     write_lines(&manifest, &lines);
@@ -213,7 +213,7 @@ fn half_done_and_damaged_runs_have_a_report() {
     assert!(!out.join("noise/single.exr").exists());
     assert!(words(one(&html, "#tuple-single")).contains("error unknown"));
     let some = words(one(&html, "#tuple-some"));
-    assert!(some.contains("noise map T R"), "{some}");
+    assert!(some.contains("noise map I T"), "{some}");
     assert_eq!(exr_channels(&out.join("noise/some.exr")).len(), 2);
 
     // The report names a truncated picture and an invalid record, and shows the other tuples.

@@ -138,16 +138,18 @@ fn ramps_from_apex_camera_match_those_from_apex_mirror() {
     camera.apex = Apex::Camera;
     camera.back = ramp(DEPTH_M - 0.6);
     let (a, b) = (mirror.render(), camera.render());
-    let mut worst = 0f32;
+    let mut worst = [0f32; 4];
     for (a, b) in a.iter().zip(&b) {
-        for layer in 0..4 {
+        for (layer, worst) in worst.iter_mut().enumerate() {
             for c in 0..3 {
-                worst = worst.max((a.mean[layer][c] - b.mean[layer][c]).abs());
+                *worst = worst.max((a.mean[layer][c] - b.mean[layer][c]).abs());
             }
         }
     }
-    println!("apex camera against mirror: {worst:.1e}");
-    assert!(worst < 2e-6);
+    println!("apex camera against mirror: {worst:?}");
+    assert!(worst[..3].iter().all(|worst| *worst < 2e-6));
+    // R takes samples with apex `camera`, and is in closed form with apex `mirror`.
+    assert!(worst[3] < 1e-5);
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! Compares the golden scenes with their images at 65,536 samples, `tests/physics/golden/NAME.npy`.
 //!
 //! An image is float32 of shape (10, 16, 12): rows, columns, red, green and blue of I, T, R~, R. These commands make
-//! the images again after a change of the scenes or of the physics (not of rounding), and print the errors:
+//! the images again after a change of the scenes or of the physics (not of rounding), and print the errors. R with apex
+//! `mirror` was traced, by tracer version 4: it is the independent check of its closed form, so keep it.
 //!
 //! ```text
 //! cargo test --release --test physics golden::references_are_made -- --ignored
@@ -20,23 +21,25 @@ const REFERENCE_SPP: u32 = 65_536;
 /// I, T, R~, R: 25 % above the measured values, at least 1e-6.
 #[rustfmt::skip]
 const BOUNDS: &[(&str, [f64; 4])] = &[
-    ("mirror", [2.08e-2, 2.25e-2, 3.81e-2, 4.99e-3]),
+    ("mirror", [2.08e-2, 2.25e-2, 3.81e-2, 2.26e-6]),
+    ("mirror-gaussian", [2.59e-2, 2.85e-2, 4.49e-2, 8.46e-5]),
     ("camera", [2.05e-2, 2.25e-2, 3.13e-2, 1.01e-2]),
-    ("tilted-absorbing", [2.05e-2, 2.23e-2, 3.73e-2, 4.99e-3]),
+    ("tilted-absorbing", [2.05e-2, 2.23e-2, 3.73e-2, 2.26e-6]),
     ("tilted-camera-gaussian", [2.54e-2, 2.86e-2, 2.60e-2, 1.41e-2]),
-    ("lights", [1.08e-1, 1.08e-1, 1.16e-1, 2.33e-2]),
-    ("pinhole", [4.73e-3, 4.98e-3, 1.30e-2, 4.99e-3]),
-    ("thin-pane", [2.08e-2, 2.25e-2, 3.84e-2, 4.99e-3]),
-    ("air", [2.25e-2, 2.25e-2, 1.00e-6, 4.99e-3]),
-    ("steep", [1.82e-2, 2.27e-2, 2.48e-2, 4.99e-3]),
-    ("two-ranges", [7.28e-3, 7.98e-3, 1.33e-2, 2.13e-3]),
-    ("one-row", [1.43e-1, 1.55e-1, 2.59e-1, 1.38e-1]),
-    ("one-column", [3.43e-1, 3.79e-1, 3.99e-1, 4.00e-1]),
-    ("adaptive", [2.35e-2, 2.41e-2, 8.42e-2, 1.31e-2]),
-    ("two-layers", [1.00e-6, 2.25e-2, 1.00e-6, 4.99e-3]),
-    ("jpeg", [7.49e-3, 6.89e-3, 3.81e-2, 4.99e-3]),
-    ("turned", [5.92e-3, 4.74e-3, 3.81e-2, 4.99e-3]),
-    ("display-p3", [7.98e-3, 5.74e-3, 3.81e-2, 4.99e-3]),
+    ("lights", [1.08e-1, 1.08e-1, 1.16e-1, 1.58e-6]),
+    ("pinhole", [4.73e-3, 4.98e-3, 1.30e-2, 2.26e-6]),
+    ("thin-pane", [2.08e-2, 2.25e-2, 3.84e-2, 2.26e-6]),
+    ("air", [2.25e-2, 2.25e-2, 1.00e-6, 2.26e-6]),
+    ("steep", [1.82e-2, 2.27e-2, 2.48e-2, 2.26e-6]),
+    ("two-ranges", [7.28e-3, 7.98e-3, 1.33e-2, 2.26e-6]),
+    ("camera-two-ranges", [7.24e-3, 7.98e-3, 9.03e-3, 5.32e-3]),
+    ("one-row", [1.43e-1, 1.55e-1, 2.59e-1, 2.18e-6]),
+    ("one-column", [3.43e-1, 3.79e-1, 3.99e-1, 2.20e-6]),
+    ("adaptive", [2.35e-2, 2.41e-2, 8.42e-2, 2.26e-6]),
+    ("two-layers", [1.00e-6, 2.25e-2, 1.00e-6, 2.26e-6]),
+    ("jpeg", [7.49e-3, 6.89e-3, 3.81e-2, 2.26e-6]),
+    ("turned", [5.92e-3, 4.74e-3, 3.81e-2, 2.26e-6]),
+    ("display-p3", [7.98e-3, 5.74e-3, 3.81e-2, 2.26e-6]),
 ];
 
 fn path(name: &str) -> PathBuf {
@@ -51,6 +54,9 @@ fn render(scene: &Scene) -> Vec<f64> {
     for range in ranges {
         let result = trace_tile(scene, tile, range, Isa::detect());
         for (layer, taken) in result.samples.0.into_iter().enumerate() {
+            // A layer in closed form has paths, but no samples.
+            let is_closed_form = taken == 0 && result.paths.0[layer] > 0;
+            let taken = if is_closed_form { 1 } else { taken };
             samples[layer] += taken;
             for (q, pixel) in result.pixels.iter().enumerate() {
                 for c in 0..3 {

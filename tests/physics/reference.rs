@@ -8,6 +8,10 @@ use render::trace::{FollowedOrder, Order, PixelSeed, Scene, sample};
 /// Length of the border's continuation, px.
 const BORDER_PX: f64 = 4000.0;
 
+/// Nodes and weights of the Gauss-Legendre rule with three points on [-1, 1], exact for polynomials of degree 5.
+const GAUSS_LEGENDRE: [(f64, f64); 3] =
+    [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
+
 /// A photograph's sheet in the coordinates of its camera.
 pub(crate) struct Sheet<'a> {
     photo: &'a Photo,
@@ -141,15 +145,18 @@ impl<'a> Sheet<'a> {
         self.radiance(hit.expect("the border continues, so every line meets the sheet"))
     }
 
+    /// Returns the coordinate of a point on axis `k` of the photograph; texel centres are at integers.
+    fn texel(&self, k: usize, point: DVec3) -> f64 {
+        let photo = self.photo;
+        let u = photo.focal_px[k] * point[k] / point.z + photo.center_px[k];
+        u / photo.size[k] as f64 * photo.texture_size[k] as f64 - 0.5
+    }
+
     /// Returns the photograph's radiance at a point.
     pub(crate) fn radiance(&self, point: DVec3) -> [f64; 3] {
         let photo = self.photo;
-        let texel = |k: usize, coordinate: f64| {
-            let u = photo.focal_px[k] * coordinate / point.z + photo.center_px[k];
-            let n = photo.texture_size[k];
-            (u / photo.size[k] as f64 * n as f64 - 0.5).clamp(0.0, n as f64 - 1.0)
-        };
-        let (x, y) = (texel(0, point.x), texel(1, point.y));
+        let inside = |k: usize| self.texel(k, point).clamp(0.0, photo.texture_size[k] as f64 - 1.0);
+        let (x, y) = (inside(0), inside(1));
         let [nx, ny] = photo.texture_size;
         let (i, j) = (x as usize, y as usize);
         let (i1, j1) = ((i + 1).min(nx - 1), (j + 1).min(ny - 1));
@@ -205,21 +212,26 @@ impl<'a> Reference<'a> {
         }
     }
 
+    /// Returns the direction of a film point (px), with z = 1.
+    fn pinhole(&self, u: f64, v: f64) -> DVec3 {
+        let [w, h] = self.case.film.map(f64::from);
+        let diagonal = 36.0f64.hypot(24.0) / (2.0 * self.case.focal_length_mm);
+        DVec3::new(
+            (2.0 * u / w - 1.0) * diagonal * w / w.hypot(h),
+            (2.0 * v / h - 1.0) * diagonal * h / w.hypot(h),
+            1.0,
+        )
+    }
+
     /// Returns a sample's pinhole direction, and the origin and direction of its lens ray.
     fn camera(&self, x: u32, y: u32, point: [f32; 4]) -> (DVec3, DVec3, DVec3) {
-        let [w, h] = self.case.film.map(f64::from);
         let offset = |u: f32| match &self.scene.film.filter {
             Some(table) => f64::from(table.offset_px(u)),
             None => f64::from(u) - 0.5,
         };
         let u = f64::from(x) + 0.5 + offset(point[0]);
         let v = f64::from(y) + 0.5 + offset(point[1]);
-        let diagonal = 36.0f64.hypot(24.0) / (2.0 * self.case.focal_length_mm);
-        let pinhole = DVec3::new(
-            (2.0 * u / w - 1.0) * diagonal * w / w.hypot(h),
-            (2.0 * v / h - 1.0) * diagonal * h / w.hypot(h),
-            1.0,
-        );
+        let pinhole = self.pinhole(u, v);
         let (a, b) = concentric(f64::from(point[2]), f64::from(point[3]));
         let lens = self.case.aperture_m * DVec3::new(a, b, 0.0);
         let direction = if self.case.focus_m.is_infinite() {
@@ -271,12 +283,70 @@ impl<'a> Reference<'a> {
         let clean = orders.clean_spp(spp);
         for s in 0..clean {
             let (pinhole, _, _) = self.camera(x, y, sample(&seed, s));
-            let (n, distance) = (self.pane.normal, self.pane.distance_m);
-            let point = distance / pinhole.dot(n) * pinhole;
-            let mirrored = pinhole - 2.0 * pinhole.dot(n) * n;
-            add(&mut layers[3], self.seen_in_back(point, mirrored), [1.0; 3], clean);
+            let (point, mirrored) = self.mirrored(pinhole);
+            let seen = self.seen_in_back(point, mirrored);
+            add(&mut layers[3], seen, [1.0; 3], clean);
+            if self.case.apex == Apex::Mirror {
+                let of_direction = self.back.radiance(self.to_back.0 * mirrored);
+                let close = (0..3).all(|c| (seen[c] - of_direction[c]).abs() < 1e-6);
+                assert!(close, "R depends on depth: {seen:?}, {of_direction:?}");
+            }
+        }
+        if self.case.apex == Apex::Mirror {
+            layers[3] = self.integrated_reflection(x, y);
         }
         layers
+    }
+
+    /// Returns the point of the pane that a ray from the pinhole meets, and the ray's mirrored direction.
+    fn mirrored(&self, pinhole: DVec3) -> (DVec3, DVec3) {
+        let (n, distance) = (self.pane.normal, self.pane.distance_m);
+        (distance / pinhole.dot(n) * pinhole, pinhole - 2.0 * pinhole.dot(n) * n)
+    }
+
+    /// Integrates R over the filter of a pixel. The radiance of apex `mirror` depends on the direction alone (checked above) and
+    /// is bilinear between texels, so a Gauss-Legendre rule between texel centres has no error but that of rounding.
+    fn integrated_reflection(&self, x: u32, y: u32) -> [f64; 3] {
+        let gaussian = self.scene.film.filter.is_some();
+        let radius = if gaussian { 2.0 } else { 0.5 };
+        let center = [f64::from(x) + 0.5, f64::from(y) + 0.5];
+        let direction = |u: f64, v: f64| {
+            let (_, mirrored) = self.mirrored(self.pinhole(u, v));
+            self.to_back.0 * mirrored
+        };
+        let texel = |k: usize, u: f64| {
+            let d =
+                direction(if k == 0 { u } else { center[0] }, if k == 1 { u } else { center[1] });
+            self.back.texel(k, d)
+        };
+        let axes = [0, 1].map(|k| {
+            let (from, to) = (center[k] - radius, center[k] + radius);
+            let (a, b) = (texel(k, from), texel(k, to));
+            let mut ends: Vec<f64> =
+                (0..=16).map(|i| from + f64::from(i) / 16.0 * (to - from)).collect();
+            let whole = a.min(b).ceil() as i64..=a.max(b).floor() as i64;
+            ends.extend(whole.map(|t| from + (t as f64 - a) / (b - a) * (to - from)));
+            ends.sort_by(f64::total_cmp);
+            let mut nodes = vec![];
+            for pair in ends.windows(2) {
+                for (at, weight) in GAUSS_LEGENDRE {
+                    let u = 0.5 * ((pair[0] + pair[1]) + at * (pair[1] - pair[0]));
+                    let off = u - center[k];
+                    let density = if gaussian { (-2.0 * off * off).exp() } else { 1.0 };
+                    nodes.push((u, weight * density * (pair[1] - pair[0])));
+                }
+            }
+            let all: f64 = nodes.iter().map(|(_, weight)| weight).sum();
+            nodes.into_iter().map(|(u, weight)| (u, weight / all)).collect::<Vec<_>>()
+        });
+        let mut sum = [0.0; 3];
+        for (v, of_row) in &axes[1] {
+            for (u, of_column) in &axes[0] {
+                let radiance = self.back.radiance(direction(*u, *v));
+                (0..3).for_each(|c| sum[c] += of_row * of_column * radiance[c]);
+            }
+        }
+        sum
     }
 }
 

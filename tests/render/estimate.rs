@@ -11,7 +11,7 @@ use render::trace::Isa;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-fn line(folder: &Path, spp: u32, seed: u64) -> SceneLine {
+fn line(folder: &Path, apex: &str, spp: u32, seed: u64) -> SceneLine {
     let photographs = procedural::listing(2, 7);
     let photograph = |index: usize| {
         let p = &photographs[index];
@@ -31,15 +31,15 @@ fn line(folder: &Path, spp: u32, seed: u64) -> SceneLine {
             "film":{{"width":64,"height":64,"spp":{spp}}},
             "camera":{{"focal_length_mm":55.0,"aperture_radius_m":0.02,"focus":{{"distance_m":3.0}}}},
             "glass":{{"distance_m":0.3,"thickness_m":0.01,"ior":1.6}},
-            "front":{{{}}},"back":{{{}}}}}"#,
+            "front":{{{}}},"back":{{{},"apex":"{apex}"}}}}"#,
         photograph(0),
         photograph(1)
     );
     parse_scene(&text).unwrap()
 }
 
-fn render(folder: &Path, spp: u32, seed: u64) -> Tuple {
-    let line = line(folder, spp, seed);
+fn render(folder: &Path, apex: &str, spp: u32, seed: u64) -> Tuple {
+    let line = line(folder, apex, spp, seed);
     let loaded = load(&line, &read_files(&line, &Roots::default(), folder).unwrap()).unwrap();
     let job = SceneJob::new(&line, ShardLayout::of(&line, 32), loaded);
     let stop = AtomicBool::new(false);
@@ -50,10 +50,10 @@ fn render(folder: &Path, spp: u32, seed: u64) -> Tuple {
 #[test]
 fn stated_errors_are_close_to_true_errors() {
     let folder = tempfile::tempdir().unwrap();
-    let reference = render(folder.path(), 8192, 1);
     // 64 and 256 samples are one range, and 1,024 are several.
-    for spp in [64, 256, 1024] {
-        let tuple = render(folder.path(), spp, 2);
+    for (apex, spp) in [("mirror", 64), ("mirror", 1024), ("camera", 256), ("camera", 1024)] {
+        let reference = render(folder.path(), apex, 8192, 1);
+        let tuple = render(folder.path(), apex, spp, 2);
         for layer in Layer::ALL {
             let name = layer.name();
             let (a, b) =
@@ -61,8 +61,21 @@ fn stated_errors_are_close_to_true_errors() {
             let square = |(a, b): (&f32, &f32)| f64::from(a - b) * f64::from(a - b);
             let error = (a.iter().zip(b).map(square).sum::<f64>() / a.len() as f64).sqrt();
             let stated = tuple.record.layers[name].error_rms.unwrap();
-            println!("{spp} samples, {name}: true {error:.2e}, stated {stated:.2e}");
+            println!("apex {apex}, {spp} samples, {name}: true {error:.2e}, stated {stated:.2e}");
+            if apex == "mirror" && layer == Layer::CleanReflection {
+                // In closed form, all seeds have the same bits.
+                assert_eq!((stated, error), (0.0, 0.0));
+                continue;
+            }
             let ratio = stated / error;
+            if layer == Layer::CleanReflection {
+                // Edges without a lens converge faster than the estimate assumes, so it is too large.
+                assert!(
+                    (0.9..1.8).contains(&ratio),
+                    "{apex} {spp}: stated {stated:e}, true {error:e}"
+                );
+                continue;
+            }
             assert!((0.8..1.2).contains(&ratio), "{spp} {name}: stated {stated:e}, true {error:e}");
         }
     }

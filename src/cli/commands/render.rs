@@ -230,6 +230,7 @@ impl fmt::Display for Rendered<'_> {
             match layers.get(name).map(|layer| layer.error_rms) {
                 None => {}
                 Some(None) => write!(f, " {symbol} ?")?,
+                Some(Some(0.0)) => write!(f, " {symbol} 0")?,
                 Some(Some(error)) => write!(f, " {symbol} {error:.1e}")?,
             }
         }

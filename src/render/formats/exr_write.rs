@@ -1,5 +1,6 @@
 //! Writes OpenEXR files of one or more parts with ZIP compression, on one thread: equal pixels give equal bytes.
 
+use super::exr_zip::write_zip16;
 use crate::line::ExrPrecision;
 use exr::image::write::layers::WritableLayers;
 use exr::prelude::{
@@ -36,7 +37,7 @@ pub fn encode_parts_exr(
     });
     let layers: Vec<Layer<AnyChannels<FlatSamples>>> = layers.collect();
     let bounds = IntegerBounds::new((0, 0), (width as usize, height as usize));
-    write_exr(&Image::from_layers(ImageAttributes::new(bounds), layers))
+    write_zip16(&Image::from_layers(ImageAttributes::new(bounds), layers))
 }
 
 fn rgb_channels(pixels: &[[f32; 3]], precision: ExrPrecision) -> Vec<AnyChannel<FlatSamples>> {
@@ -64,7 +65,7 @@ pub(crate) fn encode_exr(
     width: u32,
     height: u32,
 ) -> Result<Vec<u8>, exr::error::Error> {
-    write_exr(&Image::from_layer(layer_of(LayerAttributes::default(), channels, [width, height])))
+    write_zip16(&Image::from_layer(layer_of(LayerAttributes::default(), channels, [width, height])))
 }
 
 fn layer_of(
@@ -83,12 +84,6 @@ fn layer_of(
         encoding,
         AnyChannels::sort(channels.into_iter().collect()),
     )
-}
-
-fn write_exr<'image, Layers: WritableLayers<'image>>(
-    image: &'image Image<Layers>,
-) -> Result<Vec<u8>, exr::error::Error> {
-    write_exr_into(image, Vec::new())
 }
 
 /// Writes the file into `bytes`, a buffer that may have reserved capacity.

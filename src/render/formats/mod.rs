@@ -8,6 +8,7 @@ pub(crate) mod error;
 pub(crate) mod exr_raster;
 pub(crate) mod exr_read;
 pub(crate) mod exr_write;
+mod exr_zip;
 pub(crate) mod files;
 pub(crate) mod icc;
 pub(crate) mod jpeg;

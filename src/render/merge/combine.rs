@@ -109,8 +109,9 @@ impl Combined {
         let tile = of_tile[0].header.tile;
         let width = line.film.width as usize;
         for layer in line.film.layers.iter() {
-            let counted: Vec<&Partial> =
-                of_tile.iter().copied().filter(|p| p.header.layer_samples[layer] > 0).collect();
+            let counts =
+                |p: &&Partial| p.header.layer_samples[layer] > 0 || p.header.is_closed_form(layer);
+            let counted: Vec<&Partial> = of_tile.iter().copied().filter(counts).collect();
             let total: u32 = counted.iter().map(|p| p.header.layer_samples[layer]).sum();
             self.samples[layer] = self.samples[layer].max(total);
             for q in 0..of_tile[0].pixels.len() {
@@ -159,13 +160,14 @@ impl Combined {
             } else {
                 SMOOTH
             };
-            let error_rms = (samples > 1).then(|| self.moves[layer].rms_error(tail));
+            // A layer without samples is in closed form, so its error is 0.
+            let error_rms = (samples != 1).then(|| self.moves[layer].rms_error(tail));
             let (paths, misses) = (self.paths[layer], self.misses[layer]);
             let mut record = LayerRecord::new(pixels, samples, error_rms, paths, misses);
             record.exr_blake3 = half.then(|| layer_digest(&halved(pixels)));
             let mean_samples = |sums: PerLayer<u64>| sums[layer] as f64 / pixels.len() as f64;
             record.mean_samples = self.sample_sums.map(mean_samples);
-            if let Some(error_rms) = error_rms {
+            if let Some(error_rms) = error_rms.filter(|_| samples > 0) {
                 noise.layers[layer] = self.moves[layer].map(width as usize, error_rms);
             }
             records.insert(layer.name().to_owned(), record);

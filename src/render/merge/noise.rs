@@ -21,7 +21,8 @@ pub struct NoiseMap {
     pub width: u32,
     /// Number of cells down.
     pub height: u32,
-    /// Errors of each layer, linear, row by row; empty for layers that are not rendered or have one sample.
+    /// Errors of each layer, linear, row by row; empty for layers that are not rendered, have one sample or
+    /// are in closed form.
     pub layers: PerLayer<Vec<f32>>,
 }
 

@@ -103,13 +103,13 @@ pub(super) fn file_digest(bytes: &[u8]) -> String {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LayerRecord {
-    /// Samples per pixel of the layer's strongest order; in adaptive scenes the maximum.
+    /// Samples per pixel of the layer's strongest order; in adaptive scenes the maximum. 0 if the layer is in closed form.
     pub samples: u32,
     /// Mean number of samples per pixel; only for adaptive scenes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_samples: Option<f64>,
-    /// Estimated RMS error of the layer, linear (see [`crate::trace::square_error`]); `null` for a single sample, which
-    /// has no half.
+    /// Estimated RMS error of the layer, linear (see [`crate::trace::square_error`]): 0 in closed form, and `null` for a
+    /// single sample, which has no half.
     pub error_rms: Option<f64>,
     /// Mean over all pixels and colours, linear.
     pub mean: f64,

@@ -1,7 +1,7 @@
 //! JSON header of a partial.
 
 use crate::ids::SceneId;
-use crate::layer::PerLayer;
+use crate::layer::{Layer, PerLayer};
 use crate::scene::{InputDigests, SceneFacts};
 use crate::trace::Tile;
 use serde::{Deserialize, Serialize};
@@ -44,6 +44,11 @@ pub struct PartialHeader {
 }
 
 impl PartialHeader {
+    /// True if the layer is in closed form: it has paths, but no samples.
+    pub fn is_closed_form(&self, layer: Layer) -> bool {
+        self.layer_samples[layer] == 0 && self.paths[layer] > 0
+    }
+
     /// Formats the header as the JSON text of the file.
     pub fn to_json(&self) -> String {
         serde_json::to_string(self).expect("a header of plain numbers and strings is JSON")

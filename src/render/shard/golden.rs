@@ -10,31 +10,33 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Name of the set of scenes. Every change of the set needs a new name.
-pub(super) const SET: &str = "builtin/4";
+pub(super) const SET: &str = "builtin/5";
 
 /// Tracer version of the digests below.
 #[cfg(test)]
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 /// Names and digests of the scenes of [`golden_scenes`].
 #[rustfmt::skip]
 const DIGESTS: &[(&str, &str)] = &[
-    ("mirror", "ac73e8028a89be8a9056e7481cbba9b6a18d676c22852db552b72b3889cbcbb0"),
+    ("mirror", "82a38c95f6e942d6824e3d45dbe3fe92659c3226ff3ecc78c574428630dd23a8"),
+    ("mirror-gaussian", "6e6897a2534c6acd0b052daaad55126261e438aa43f0b57078e10bcc1308b609"),
     ("camera", "c4b65fa0a12c404aa6c6f9f8ab3a4836a30e6687c822850f2f05cba47802e4d0"),
-    ("tilted-absorbing", "f96a2e1a9a1852fb1de49c91d59267c63ef40d16d6ffaa82bfab63de69afafa3"),
+    ("tilted-absorbing", "6d1a280296dde4f82f57579b3f3464815cf9bd88de0d5031d9b21043e1026202"),
     ("tilted-camera-gaussian", "8ce3711116449cebe70e5cd0aabca31bab7a7478f2c5133480d6c8e7d542b86d"),
-    ("lights", "e194cf8eaa036dbd54a06178a11af56ce014429fafde1498e317028120ce323a"),
-    ("pinhole", "aed8961441e4507c42f9d5f3b4b97444a7f0e54468208338e0cd97b0ae205d16"),
-    ("thin-pane", "58b1800c727162aeb40729de8bc5720fab61b5b0a06f601b5d972fe89f8dbee8"),
-    ("air", "808d28e9d65d65f8a224ce6a764bb637fd4b528f200180091d12edba55fa722d"),
-    ("steep", "1a1835a31ad9521c34752d274460d397402c5cf6cd35382e2135df0236968784"),
-    ("two-ranges", "cd503bc31ea7ef6bd194985a8a462a51fbf1e2f6ceadc82918035156e6d1ef9b"),
-    ("one-row", "bad5fffbf0e51bc4d557135a7f823b723334bba8912f2cb6da79aba7b3a7c90d"),
-    ("one-column", "e9b2172f15d859e44642e8c19509f1dedfb55d517a4baa48842a3372ea567a97"),
-    ("adaptive", "85b41402308c1b72155a33c29047e2a884ef8b05a31e8fbd86743b9cdcfbab87"),
-    ("two-layers", "2262b0706e64c6f390184e9d163b0a53e1d0baae1299b446cd39273dd32e732b"),
-    ("jpeg", "cb3b5f587aff2f9ed5618ab759902a4ce6c187f91f1fe1088507b70142daacde"),
-    ("turned", "37417b93244307a4f947a4b19e67a73ea817f8b2019792d474ce3df63a87230c"),
-    ("display-p3", "046e95689ac307da15afa091192893f5cf4f57857a11b66a794a2a192a2226ab"),
+    ("lights", "8e24011a95f4ede16aa353b8304211cff084d1ca4ff8914ff84e1b3634d13fd6"),
+    ("pinhole", "12d6f1c39a9c29e23b41aea8d6c9f7138c01f513e5bf50820dc402bb7a414936"),
+    ("thin-pane", "e342ffe61ecc60cb4cd4fd837ed94b3f0edf4ff42b232193d1f1b3a8946cb69c"),
+    ("air", "faf00d82de1ebd6cf987ed191546655389e27d0e67b83d3892b2b57aaf28b927"),
+    ("steep", "e8c8d444949b1a3e5810b0687a3a5107d90c499ebe46e1745f1771e26c88e922"),
+    ("two-ranges", "15c095c173d9cd4bd4ab772603c2554a740aa79fec1c18984d1df54d6814d4af"),
+    ("camera-two-ranges", "2fdbf3d3010451839d5915e9cf6980911b64b5d52008be45f418e1a9ec42d0b7"),
+    ("one-row", "d9349ee3fbef3cd6610b1b55bf46ea006670d3784c3fb78b43369b5375ee8e51"),
+    ("one-column", "dd92bbd3f6cf23366a380d86056b5822c628e18173e2e2ed5ab4627233e433e9"),
+    ("adaptive", "af8e5a899c818da97a5b0becce5062646e44846570b0680d8825144df39c3ef1"),
+    ("two-layers", "e62ca593424a882d9daf148dca542df494c663530806039fd66fe5d2ae47ff03"),
+    ("jpeg", "0796ed498897b641502085b1e8eddc81c01da818fded80b1d331ad42be9afc7f"),
+    ("turned", "b3e16f60cd772cff19e23da9bc1f22e0ea8856cad1a0bc1a8aeddea6accea8e0"),
+    ("display-p3", "35bcacb7dacc4b45a1ebd289bf069a1a61bee6addc498dd7b146c0d4f3f716fc"),
 ];
 
 /// Traces the golden scenes on this machine, which takes one thread tens of milliseconds. Returns one joint digest.

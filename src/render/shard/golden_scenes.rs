@@ -172,8 +172,10 @@ fn hash(q: usize, salt: u32) -> u32 {
 type Change = fn(&mut Parameters);
 
 /// Names of the scenes and their changes to [`Parameters::new`], in a fixed order.
-const SCENES: [(&str, Change); 17] = [
+const SCENES: [(&str, Change); 19] = [
+    // With apex `mirror`, R is in closed form.
     ("mirror", |_| {}),
+    ("mirror-gaussian", |w| w.gaussian = true),
     ("camera", |w| w.from_camera = true),
     ("tilted-absorbing", |w| {
         w.tilt_deg = [9.0, -14.0];
@@ -198,8 +200,12 @@ const SCENES: [(&str, Change); 17] = [
         w.thickness_m = 0.03;
         w.order_tolerance = 1e-6;
     }),
-    // Two ranges of 256 samples; only the first contains samples of R.
+    // Two ranges of 256 samples. The first contains all samples of R, or both all of its closed form.
     ("two-ranges", |w| w.spp = 512),
+    ("camera-two-ranges", |w| {
+        w.spp = 512;
+        w.from_camera = true;
+    }),
     // Fewer samples than lanes in a group, and depth images of one row or one column.
     ("one-row", |w| {
         w.spp = 4;

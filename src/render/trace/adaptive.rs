@@ -5,6 +5,7 @@
 //! its own layer (T, R~ or R) has an error above the target, or while I has one and the part causes most of it. The
 //! decision uses only the cell's own samples, and cells lie on a fixed grid, so tiles and threads change no pixel.
 
+use super::closed::ClosedForm;
 use super::means::{Components, Means, NOTHING, PixelMeans, Wanted};
 use super::scene::Scene;
 use super::tile::{Tile, TileResult, patches};
@@ -38,6 +39,8 @@ pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) ->
         tile.x.is_multiple_of(CELL_PX) && tile.y.is_multiple_of(CELL_PX),
         "tiles of an adaptive scene begin at multiples of {CELL_PX} px"
     );
+    let closed = ClosedForm::new(scene, tile);
+    let wanted = Wanted::of(scene.layers).without(&closed);
     let mut tracer = Tracer::<AVX2>::new(scene);
     let mut pixels = vec![PixelMeans::default(); (tile.width * tile.height) as usize];
     let (mut samples, mut sums) = (PerLayer([0u32; 4]), PerLayer([0u64; 4]));
@@ -45,8 +48,8 @@ pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) ->
         for x in (0..tile.width).step_by(CELL_PX as usize) {
             let (width, height) = (CELL_PX.min(tile.width - x), CELL_PX.min(tile.height - y));
             let area = Tile { x: tile.x + x, y: tile.y + y, width, height };
-            let mut cell = Cell::new(scene, width * height);
-            while cell.round(&mut tracer, scene, area) {
+            let mut cell = Cell::new(wanted, width * height);
+            while cell.round(&mut tracer, scene, area, wanted) {
                 cell.decide(scene, target);
             }
             for (q, components) in (0..).zip(&cell.pixels) {
@@ -59,13 +62,15 @@ pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) ->
             }
         }
     }
-    let (paths, misses) = tracer.counts();
+    let (mut paths, mut misses) = tracer.counts();
+    if let Some(closed) = &closed {
+        closed.fill(&mut pixels, &mut paths, &mut misses);
+    }
     TileResult { pixels, samples, sample_sums: Some(sums), paths, misses }
 }
 
 impl Cell {
-    fn new(scene: &Scene, pixels: u32) -> Self {
-        let wanted = Wanted::of(scene.layers);
+    fn new(wanted: Wanted, pixels: u32) -> Self {
         let parts = [wanted.front || wanted.bare, wanted.back, wanted.clean];
         let nothing = Components {
             front: NOTHING,
@@ -87,6 +92,7 @@ impl Cell {
         tracer: &mut Tracer<AVX2>,
         scene: &Scene,
         area: Tile,
+        all: Wanted,
     ) -> bool {
         let waiting = self.parts.iter().filter(|part| part.goes_on);
         let Some(fewest) = waiting.map(|part| part.samples).min() else {
@@ -97,7 +103,6 @@ impl Cell {
             n => n..2 * n,
         };
         let now = self.parts.map(|part| part.goes_on && part.samples == fewest);
-        let all = Wanted::of(scene.layers);
         let wanted = Wanted {
             front: now[0] && all.front,
             bare: now[0] && all.bare,

@@ -5,7 +5,7 @@
 use super::camera::{CHUNK, CameraChunk};
 use super::fetch::{Factors, Hits};
 use super::lanes::{LANES, Lane};
-use super::lines::{LineMaker, Path, ViewLanes, is_fixed, span_of_lines};
+use super::lines::{LineMaker, Path, ViewLanes, span_of_lines};
 use super::means::LaneSums;
 use super::patch::Patch;
 use super::scene::{Pose, Scene, View};
@@ -82,21 +82,16 @@ impl BundleRays {
             *lines = maker.lines(bundle.camera, s);
         }
         let found = match view.pose {
-            _ if is_fixed(view, bundle.path) => None,
-            Pose::Aligned { extra_m } => Some(spans.of(scene, view, lanes, bundle, extra_m)),
-            Pose::General { .. } => {
-                Some(Found::Shared(span_of_lines(view, &lanes.grid, lines).into()))
-            }
+            Pose::Aligned { extra_m } => spans.of(scene, view, lanes, bundle, extra_m),
+            Pose::General { .. } => Found::Shared(span_of_lines(view, &lanes.grid, lines).into()),
         };
-        let is_walked = found.is_some();
         let is_inside = match found {
-            None => false,
-            Some(Found::Shared(spans)) => {
+            Found::Shared(spans) => {
                 let group = Group { lanes: &lanes.grid, spans: &spans };
                 walk_bundle::<AVX2>(&view.grid, |_| group, lines, &mut self.walkers, w);
                 spans.inside
             }
-            Some(Found::OfPixels(pixels)) => {
+            Found::OfPixels(pixels) => {
                 self.walk_pixels::<AVX2>(view, pixels);
                 pixels.iter().all(|pixel| pixel.group().spans.inside)
             }
@@ -107,13 +102,11 @@ impl BundleRays {
         let mut misses = [0; LANES];
         for s in 0..count {
             let lines = &self.lines[s];
+            let w = &self.w[s];
             let (mut u, mut v) = (lines.x, lines.y);
-            if is_walked {
-                let w = &self.w[s];
-                for l in 0..LANES {
-                    u[l] = lines.x[l] + lines.sx[l] * w[l];
-                    v[l] = lines.y[l] + lines.sy[l] * w[l];
-                }
+            for l in 0..LANES {
+                u[l] += lines.sx[l] * w[l];
+                v[l] += lines.sy[l] * w[l];
             }
             if !is_inside {
                 lanes.count_outside(view, &u, &v, &mut misses);

@@ -29,6 +29,7 @@
 mod adaptive;
 mod bundle;
 mod camera;
+mod closed;
 mod fetch;
 mod footprint;
 mod grid;
@@ -62,7 +63,7 @@ pub use texture::Texture;
 pub use tile::{Isa, Tile, TileResult, trace_tile};
 
 /// Version of the tracer's results; a change of a pixel or stated error must raise it. A run rejects other versions.
-pub const TRACER_VERSION: u32 = 4;
+pub const TRACER_VERSION: u32 = 5;
 
 #[cfg(test)]
 mod tests;

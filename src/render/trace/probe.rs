@@ -4,8 +4,9 @@
 //! caller measures the time.
 
 use super::camera::{CHUNK, CameraChunk};
+use super::closed::closed_view;
 use super::lanes::{LANES, Lane};
-use super::lines::{LineMaker, Path, ViewLanes, is_fixed, span_of_area, span_of_lines};
+use super::lines::{LineMaker, Path, ViewLanes, span_of_area, span_of_lines};
 use super::patch::{Area, PATCH_PX, Patch};
 use super::sampler::{PixelSeed, SeedLanes, points};
 use super::scene::{Pose, Sampling, Scene, Surface, View};
@@ -100,8 +101,7 @@ impl<'a> BundleProbe<'a> {
     /// Prepares bundles of `order` (`None`: the pinhole of R, without glass) for the patches at every `step_px`-th pixel
     /// across and down. A bundle has the first sixteen samples of the pixels of its patch.
     ///
-    /// Returns `None` if the tracer walks no grid: for meshes, and for R with apex `mirror`, because its hits do not
-    /// depend on the sheet.
+    /// Returns `None` if the tracer walks no grid: for meshes, and for R in closed form.
     pub fn new(scene: &'a Scene, order: Option<Order>, step_px: u32) -> Option<Self> {
         let surface = match order {
             Some(Order::Transmitted(_)) => &scene.front,
@@ -114,7 +114,7 @@ impl<'a> BundleProbe<'a> {
             let constant = scene.slab.kappa_m(order, 0.0);
             Path::Lens { constant, slope: scene.slab.kappa_m(order, 1.0) - constant }
         });
-        if is_fixed(view, path) {
+        if order.is_none() && closed_view(scene).is_some() {
             return None;
         }
         let step = step_px.div_ceil(PATCH_PX).max(1) * PATCH_PX;

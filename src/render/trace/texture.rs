@@ -56,6 +56,11 @@ impl Texture {
         self.stride
     }
 
+    /// Returns `count` texels of row `j`, from column `i` on.
+    pub(crate) fn row(&self, j: usize, i: usize, count: usize) -> &[[f32; 4]] {
+        &self.texels[j * self.stride + i..][..count]
+    }
+
     /// Returns the largest value of any colour.
     pub fn max_radiance(&self) -> f32 {
         self.max

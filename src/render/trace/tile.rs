@@ -1,6 +1,7 @@
 //! Traces the pixels of a tile with the kernels of one instruction set.
 
 use super::adaptive;
+use super::closed::ClosedForm;
 use super::lanes::LANES;
 use super::means::{PixelMeans, Wanted};
 use super::patch::PATCH_PX;
@@ -64,11 +65,12 @@ pub struct TileResult {
     /// Pixels in row-major order.
     pub pixels: Vec<PixelMeans>,
     /// Samples per pixel of each layer's strongest order; in an adaptive scene, the largest number of any pixel. 0 if
-    /// the scene does not request the layer; 0 for R if the range has no samples of R.
+    /// the scene does not request the layer; 0 for R if the range has no samples of R, or if R is in closed form: then
+    /// the range that begins at sample 0 has it.
     pub samples: PerLayer<u32>,
     /// `samples` summed over the pixels, for an adaptive scene.
     pub sample_sums: Option<PerLayer<u64>>,
-    /// Number of paths of each layer.
+    /// Number of paths of each layer. In closed form, R has a fixed number for each pixel.
     pub paths: PerLayer<u64>,
     /// Number of paths of each layer that ended on the continuation of the border or hit no triangle of a mesh.
     pub misses: PerLayer<u64>,
@@ -111,7 +113,8 @@ fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, samples: Range<u32>) -> Ti
         assert!(samples == (0..scene.spp), "an adaptive scene is not cut into ranges of samples");
         return adaptive::trace::<AVX2>(scene, tile, target);
     }
-    let wanted = Wanted::of(scene.layers);
+    let closed = ClosedForm::new(scene, tile);
+    let wanted = Wanted::of(scene.layers).without(&closed);
     let count = samples.end - samples.start;
     let clean = scene.orders.clean_spp(scene.spp).clamp(samples.start, samples.end) - samples.start;
     let mut tracer = Tracer::<AVX2>::new(scene);
@@ -128,10 +131,16 @@ fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, samples: Range<u32>) -> Ti
             }
         }
     }
-    let (paths, misses) = tracer.counts();
+    let (mut paths, mut misses) = tracer.counts();
+    if let Some(closed) = &closed {
+        if samples.start == 0 {
+            closed.fill(&mut pixels, &mut paths, &mut misses);
+        }
+    }
     let block = count.min(BLOCK as u32);
     let strongest = scene.orders.back.first();
     let reflected = strongest.map_or(count, |o| o.samples_of_block(block) * (count / block));
+    let clean = if closed.is_some() { 0 } else { clean };
     let taken = PerLayer([count, count, reflected, clean]);
     TileResult {
         pixels,

@@ -6,7 +6,7 @@
 //! F_ = sum over orders k of mean over s of weight_k(s) F(t_k line)
 //! R~ = sum over orders k of mean over s of weight_k(s) B(r_k line)
 //! I  = F_ + R~             (with `first_reflection_alone`, I has all orders of R~, but the layer R~ only r_0)
-//! R  = mean over film points of B(mirrored pinhole ray)            (no glass, no lens)
+//! R  = mean over film points of B(mirrored pinhole ray)            (no glass, no lens; see also `closed`)
 //! ```
 //!
 //! F and B are the radiances of the front and the back photograph at the line's first hit with the sheet (or mesh) of
