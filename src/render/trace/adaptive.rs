@@ -39,8 +39,9 @@ pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) ->
         tile.x.is_multiple_of(CELL_PX) && tile.y.is_multiple_of(CELL_PX),
         "tiles of an adaptive scene begin at multiples of {CELL_PX} px"
     );
-    let closed = ClosedForm::new(scene, tile);
-    let wanted = Wanted::of(scene.layers).without(&closed);
+    let closed = ClosedForm::new(scene, tile.columns(), tile.rows());
+    let mut wanted = Wanted::of(scene.layers);
+    wanted.clean &= closed.is_none();
     let mut tracer = Tracer::<AVX2>::new(scene);
     let mut pixels = vec![PixelMeans::default(); (tile.width * tile.height) as usize];
     let (mut samples, mut sums) = (PerLayer([0u32; 4]), PerLayer([0u64; 4]));

@@ -14,7 +14,6 @@
 use super::means::PixelMeans;
 use super::scene::{FilmPlane, FilterTable, Pose, Scene, Surface, View};
 use super::texture::Texture;
-use super::tile::Tile;
 use crate::layer::{Layer, PerLayer};
 use std::ops::Range;
 
@@ -48,16 +47,12 @@ pub(super) fn closed_view(scene: &Scene) -> Option<&View> {
 }
 
 impl<'a> ClosedForm<'a> {
-    /// Prepares R of a tile; `None` if the scene does not request R, or if it has no closed form. The range of samples that
+    /// Prepares R of a tile with these columns and rows; `None` if the scene does not request R, or if it has no closed form. The range of samples that
     /// begins at 0 contains all of R.
-    pub(super) fn new(scene: &'a Scene, tile: Tile) -> Option<Self> {
+    pub(super) fn new(scene: &'a Scene, columns: Range<u32>, rows: Range<u32>) -> Option<Self> {
         let view = closed_view(scene).filter(|_| scene.layers[Layer::CleanReflection])?;
         let axis = |k, pixels| Axis::new(&scene.film, view, k, pixels);
-        Some(Self {
-            texture: &view.texture,
-            columns: axis(0, tile.x..tile.x + tile.width),
-            rows: axis(1, tile.y..tile.y + tile.height),
-        })
+        Some(Self { texture: &view.texture, columns: axis(0, columns), rows: axis(1, rows) })
     }
 
     /// Writes R of the tile's pixels, and counts its paths, [`POINTS`] by [`POINTS`] for each. The three means are equal, so that R states no error.

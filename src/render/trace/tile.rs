@@ -23,6 +23,14 @@ pub struct Tile {
 }
 
 impl Tile {
+    pub(super) fn columns(&self) -> Range<u32> {
+        self.x..self.x + self.width
+    }
+
+    pub(super) fn rows(&self) -> Range<u32> {
+        self.y..self.y + self.height
+    }
+
     /// Returns the indices of a patch's pixels in the tile's rows; `None` for pixels outside the tile.
     #[inline(always)]
     pub(super) fn lanes(&self, (x, y): (u32, u32)) -> [Option<usize>; LANES] {
@@ -113,8 +121,9 @@ fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, samples: Range<u32>) -> Ti
         assert!(samples == (0..scene.spp), "an adaptive scene is not cut into ranges of samples");
         return adaptive::trace::<AVX2>(scene, tile, target);
     }
-    let closed = ClosedForm::new(scene, tile);
-    let wanted = Wanted::of(scene.layers).without(&closed);
+    let closed = ClosedForm::new(scene, tile.columns(), tile.rows());
+    let mut wanted = Wanted::of(scene.layers);
+    wanted.clean &= closed.is_none();
     let count = samples.end - samples.start;
     let clean = scene.orders.clean_spp(scene.spp).clamp(samples.start, samples.end) - samples.start;
     let mut tracer = Tracer::<AVX2>::new(scene);
@@ -132,10 +141,8 @@ fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, samples: Range<u32>) -> Ti
         }
     }
     let (mut paths, mut misses) = tracer.counts();
-    if let Some(closed) = &closed {
-        if samples.start == 0 {
-            closed.fill(&mut pixels, &mut paths, &mut misses);
-        }
+    if let Some(closed) = closed.as_ref().filter(|_| samples.start == 0) {
+        closed.fill(&mut pixels, &mut paths, &mut misses);
     }
     let block = count.min(BLOCK as u32);
     let strongest = scene.orders.back.first();
