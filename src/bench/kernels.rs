@@ -3,11 +3,11 @@
 use super::clock::{cpu_s, median_and_best};
 use super::error::BenchError;
 use super::scenes::BenchScene;
-use render::layer::{Layer, PerLayer};
+use render::layer::Layer;
 use render::line::Apex;
 use render::scene::Decoded;
 use render::trace::{
-    BLOCK, BundleProbe, Grid, Isa, Order, Sampling, Scene, Tile, WalkCount, trace_tile,
+    BLOCK, BundleProbe, Grid, Isa, Order, Sampling, Scene, Tile, TileResult, WalkCount, trace_tile,
 };
 use serde::Serialize;
 use std::hint::black_box;
@@ -54,7 +54,7 @@ pub struct TracerRow {
     pub apex: &'static str,
     /// Number of camera samples in a pass.
     pub samples: u64,
-    /// Number of rays in a pass: all orders and R.
+    /// Number of rays in a pass: all orders, and R unless it is in closed form.
     pub rays: u64,
     pub timings: Vec<TracerTiming>,
 }
@@ -205,11 +205,15 @@ pub fn tracer(
             tiles.iter().map(|tile| u64::from(tile.width * tile.height) * BLOCK as u64).sum();
         let mut rays = 0;
         let timed = timed(isas, passes, |isa| {
-            let trace = |tile: &Tile| trace_tile(&assembled, *tile, 0..BLOCK as u32, isa).paths;
-            let (paths, taken) = cpu_s(|| tiles.iter().map(trace).collect::<Vec<_>>());
-            // I counts the paths of every order, R those of the pinhole.
-            let of = |paths: &PerLayer<u64>| paths[Layer::Input] + paths[Layer::CleanReflection];
-            rays = paths.iter().map(of).sum();
+            let trace = |tile: &Tile| trace_tile(&assembled, *tile, 0..BLOCK as u32, isa);
+            let (results, taken) = cpu_s(|| tiles.iter().map(trace).collect::<Vec<_>>());
+            // I counts the paths of every order, R those of the pinhole; in closed form, R has no samples.
+            let of = |result: &TileResult| {
+                let has_rays = |layer| *layer == Layer::Input || result.samples[*layer] > 0;
+                let layers = [Layer::Input, Layer::CleanReflection];
+                layers.iter().filter(|layer| has_rays(layer)).map(|l| result.paths[*l]).sum::<u64>()
+            };
+            rays = results.iter().map(of).sum();
             taken
         });
         let timings = timed.iter().map(|Timed { isa, median_s, best_s }| TracerTiming {

@@ -47,15 +47,16 @@ pub(super) fn closed_view(scene: &Scene) -> Option<&View> {
 }
 
 impl<'a> ClosedForm<'a> {
-    /// Prepares R of a tile with these columns and rows; `None` if the scene does not request R, or if it has no closed form. The range of samples that
-    /// begins at 0 contains all of R.
+    /// Prepares R of a tile with these columns and rows; `None` if the scene does not request R, or if it has no closed form.
+    /// The range of samples that begins at 0 contains all of R.
     pub(super) fn new(scene: &'a Scene, columns: Range<u32>, rows: Range<u32>) -> Option<Self> {
         let view = closed_view(scene).filter(|_| scene.layers[Layer::CleanReflection])?;
         let axis = |k, pixels| Axis::new(&scene.film, view, k, pixels);
         Some(Self { texture: &view.texture, columns: axis(0, columns), rows: axis(1, rows) })
     }
 
-    /// Writes R of the tile's pixels, and counts its paths, [`POINTS`] by [`POINTS`] for each. The three means are equal, so that R states no error.
+    /// Writes R of the tile's pixels, and counts its paths, [`POINTS`] by [`POINTS`] for each. The three means are equal, so
+    /// that R states no error.
     #[inline(always)]
     pub(super) fn fill(
         &self,
