@@ -89,7 +89,8 @@ def pictures(glasshouse, folder):
 
     recipe = (ROOT / "manifests/smoke.toml").read_text().replace("spp = 256", "spp = 16")
     (folder / "pair.toml").write_text(recipe)
-    subprocess.run([glasshouse, "run", folder / "pair.toml", "--out", folder / "run", "-q"], check=True)
+    for command in (["plan", folder / "pair.toml", "--out", folder / "run"], ["work", folder / "run"]):
+        subprocess.run([glasshouse, *command, "-q"], check=True, stdout=subprocess.DEVNULL)
     tuple_ = sorted((folder / "run/tuples").iterdir())[0]
     return [cv2.imread(str(tuple_ / f"{layer}.png")) for layer in ("transmission", "clean_reflection")]
 
