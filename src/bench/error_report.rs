@@ -131,12 +131,16 @@ fn text(report: &ErrorReport) -> String {
         let tail = slope
             .tail_slope
             .map_or_else(String::new, |s| format!(", samples^{s:.2} from 16 samples on"));
+        let of_slope = |row: &&LayerRow| row.variant == slope.variant && row.layer == slope.layer;
+        let has_samples = rows.iter().filter(of_slope).any(|row| row.samples > 0.0);
         let fitted = slope.slope.map_or_else(
-            || "no slope without two rungs of samples".to_owned(),
+            || if has_samples { "too few rungs for a slope" } else { "in closed form" }.to_owned(),
             |s| format!("RMSE ~ samples^{s:.2} over {} rungs{tail}", slope.rungs),
         );
         let _ = writeln!(text, "\n{}, {}: {fitted}\n", slope.layer, slope.variant);
-        let of_slope = |row: &&LayerRow| row.variant == slope.variant && row.layer == slope.layer;
+        if !has_samples {
+            continue;
+        }
         let cells = rows.iter().filter(of_slope).map(|row| {
             let d = &row.deviation;
             vec![

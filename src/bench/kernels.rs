@@ -209,9 +209,9 @@ pub fn tracer(
             let (results, taken) = cpu_s(|| tiles.iter().map(trace).collect::<Vec<_>>());
             // I counts the paths of every order, R those of the pinhole; in closed form, R has no samples.
             let of = |result: &TileResult| {
-                let has_rays = |layer| *layer == Layer::Input || result.samples[*layer] > 0;
-                let layers = [Layer::Input, Layer::CleanReflection];
-                layers.iter().filter(|layer| has_rays(layer)).map(|l| result.paths[*l]).sum::<u64>()
+                let has_rays = result.samples[Layer::CleanReflection] > 0;
+                let clean = result.paths[Layer::CleanReflection] * u64::from(has_rays);
+                result.paths[Layer::Input] + clean
             };
             rays = results.iter().map(of).sum();
             taken
