@@ -1,7 +1,7 @@
 //! Traces a bundle of one order against a mesh, with the same weights as against a grid.
 
 use super::super::bundle::Bundle;
-use super::super::camera::CameraChunk;
+use super::super::camera::{CHUNK, CameraChunk};
 use super::super::lanes::LANES;
 use super::super::lines::{Path, points};
 use super::super::means::LaneSums;
@@ -9,7 +9,10 @@ use super::super::scene::Scene;
 use super::super::shade::{absorbed, weights};
 use super::super::slab::Order;
 use super::super::tile::Isa;
-use super::project::Mesh;
+use super::project::{Mesh, Seen};
+
+// Samples and pixels of a chunk change places.
+const _: () = assert!(CHUNK == LANES);
 
 /// Adds a bundle's weighted radiance to `sums`; order t_0 also adds its unweighted radiance to `transmission`. Returns each
 /// pixel's number of misses. A miss is black.
@@ -62,23 +65,36 @@ fn follow_lanes(
         Path::Lens { .. } => &camera.direction,
         Path::Pinhole => &camera.film,
     };
-    let mut misses = [0; LANES];
+    // The rays of one pixel lie closer together than those of sixteen, so that they meet fewer boxes. A pixel with sixteen
+    // samples therefore has its own group of rays.
+    let by_pixel = count == CHUNK;
+    let place = |s: usize, l: usize| if by_pixel { (l, s) } else { (s, l) };
+    let mut directions = [[[0f32; LANES]; 2]; CHUNK];
+    let mut starts = [[[0f32; LANES]; 2]; CHUNK];
     for s in 0..count {
-        let mut d = [[0f32; LANES]; 2];
-        for k in 0..2 {
-            for l in 0..LANES {
-                d[k][l] = patch.center[k][l] + relative[k][s][l];
+        let p = points(path, &patch.center, normal, camera, s);
+        for l in 0..LANES {
+            let (group, lane) = place(s, l);
+            for k in 0..2 {
+                directions[group][k][lane] = patch.center[k][l] + relative[k][s][l];
+                starts[group][k][lane] = p[k][l];
             }
         }
-        let p = points(path, &patch.center, normal, camera, s);
-        let seen = mesh.see(d, p, LANES);
+    }
+    let mut seen = [const { Seen::NOTHING }; CHUNK];
+    for group in 0..count {
+        seen[group] = mesh.see(directions[group], starts[group], LANES);
+    }
+    let mut misses = [0; LANES];
+    for s in 0..count {
         let weight =
             order.map_or([[1.0; LANES]; 3], |order| colour_weights(scene, camera, order, s));
         let part = usize::from(s >= quarter) + usize::from(s >= half);
         for l in 0..LANES {
-            misses[l] += u32::from(seen.w[l] == 0.0);
+            let (group, lane) = place(s, l);
+            misses[l] += u32::from(seen[group].w[lane] == 0.0);
             for k in 0..3 {
-                let radiance = f64::from(seen.radiance[l][k]);
+                let radiance = f64::from(seen[group].radiance[lane][k]);
                 sums[part][l][k] += radiance * f64::from(weight[k][l]);
                 if order == Some(Order::Transmitted(0)) {
                     transmission[part][l][k] += radiance;

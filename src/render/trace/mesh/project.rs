@@ -39,6 +39,10 @@ pub(super) struct Seen {
     pub(super) radiance: [[f32; 4]; LANES],
 }
 
+impl Seen {
+    pub(super) const NOTHING: Self = Self { w: [0.0; LANES], radiance: [[0.0; 4]; LANES] };
+}
+
 impl Mesh {
     /// Makes a mesh of `vertices` (m; the lens looks along +z), their `radiance` (red, green, blue, 0) and `triangles`
     /// (indices of three vertices, visible from both sides).
