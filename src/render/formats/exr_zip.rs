@@ -1,5 +1,5 @@
-//! ZIP compression of OpenEXR's blocks of scan lines, with zlib-rs in place of the exr crate's miniz_oxide: half of the
-//! time and 1 % fewer bytes for the half floats of a tuple.
+//! ZIP compression of OpenEXR's blocks of scan lines, with zlib-rs in place of the exr crate's miniz_oxide, which takes
+//! longer and makes 1 % more bytes of a tuple's half floats.
 
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
 use exr::block::enumerate_ordered_header_block_indices;
@@ -10,7 +10,7 @@ use exr::image::write::layers::{LayersWriter, WritableLayers};
 use flate2::{Compress, Compression, FlushCompress, Status};
 use std::io::Cursor;
 
-/// Level of deflate. On noisy half floats, higher levels take up to three times the time for 1 % fewer bytes.
+/// Level of deflate: levels 1 and 2 are faster, but make more bytes than the exr crate.
 const LEVEL: u32 = 3;
 
 // The exr crate delivers samples in the machine's byte order, and a file has the little one.
