@@ -6,7 +6,7 @@
 //! decision uses only the cell's own samples, and cells lie on a fixed grid, so tiles and threads change no pixel.
 
 use super::closed::ClosedForm;
-use super::means::{Components, Means, NOTHING, PixelMeans, Wanted};
+use super::means::{Components, Means, PixelMeans, Wanted};
 use super::scene::Scene;
 use super::tile::{Tile, TileResult, patches};
 use super::tracer::Tracer;
@@ -73,15 +73,8 @@ pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) ->
 impl Cell {
     fn new(wanted: Wanted, pixels: u32) -> Self {
         let parts = [wanted.front || wanted.bare, wanted.back, wanted.clean];
-        let nothing = Components {
-            front: NOTHING,
-            bare: NOTHING,
-            reflected: NOTHING,
-            back: NOTHING,
-            clean: NOTHING,
-        };
         Self {
-            pixels: vec![nothing; pixels as usize],
+            pixels: vec![Components::default(); pixels as usize],
             parts: parts.map(|goes_on| Part { samples: 0, goes_on }),
         }
     }
@@ -115,9 +108,8 @@ impl Cell {
             .flat_map(|y| patches(area.x, area.width).map(move |x| (x, y)))
         {
             let lanes = area.lanes((x, y));
-            let live = lanes.map(|pixel| pixel.is_some());
-            let components = tracer.patch((x, y), live, &range, count, wanted);
-            for (pixel, new) in lanes.into_iter().zip(&components) {
+            let components = tracer.patch((x, y), &lanes, &range, count, wanted);
+            for (pixel, new) in lanes.into_iter().zip(components) {
                 if let Some(pixel) = pixel {
                     self.pixels[pixel].add(new, wanted, is_first);
                 }
@@ -192,6 +184,6 @@ impl Components {
 
 /// Combines the means of the first n and of the second n samples into the means of 2n samples.
 fn doubled([first, first_half, _]: &Means, [second, ..]: &Means) -> Means {
-    let mean = [0, 1, 2].map(|c| 0.5 * (first[c] + second[c]));
+    let mean = [0, 1, 2, 3].map(|c| 0.5 * (first[c] + second[c]));
     [mean, *first, *first_half]
 }

@@ -34,12 +34,16 @@ impl Tile {
     /// Returns the indices of a patch's pixels in the tile's rows; `None` for pixels outside the tile.
     #[inline(always)]
     pub(super) fn lanes(&self, (x, y): (u32, u32)) -> [Option<usize>; LANES] {
-        std::array::from_fn(|l| {
-            let column = (x + l as u32 % PATCH_PX).checked_sub(self.x)?;
-            let row = (y + l as u32 / PATCH_PX).checked_sub(self.y)?;
-            let is_inside = column < self.width && row < self.height;
-            is_inside.then_some((row * self.width + column) as usize)
-        })
+        let mut lanes = [None; LANES];
+        for (l, pixel) in (0..).zip(&mut lanes) {
+            // The differences of pixels before the tile wrap around to large numbers.
+            let column = (x + l % PATCH_PX).wrapping_sub(self.x);
+            let row = (y + l / PATCH_PX).wrapping_sub(self.y);
+            if column < self.width && row < self.height {
+                *pixel = Some((row * self.width + column) as usize);
+            }
+        }
+        lanes
     }
 }
 
@@ -130,10 +134,9 @@ fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, samples: Range<u32>) -> Ti
     let mut pixels = vec![PixelMeans::default(); (tile.width * tile.height) as usize];
     for y in patches(tile.y, tile.height) {
         for x in patches(tile.x, tile.width) {
-            let live = tile.lanes((x, y));
-            let components =
-                tracer.patch((x, y), live.map(|pixel| pixel.is_some()), &samples, clean, wanted);
-            for (pixel, components) in live.into_iter().zip(&components) {
+            let lanes = tile.lanes((x, y));
+            let components = tracer.patch((x, y), &lanes, &samples, clean, wanted);
+            for (pixel, components) in lanes.into_iter().zip(components) {
                 if let Some(pixel) = pixel {
                     pixels[pixel] = components.pixel(scene.layers);
                 }

@@ -19,7 +19,9 @@ use super::bundle::{Bundle, BundleRays, Feeds};
 use super::camera::{CHUNK, CameraChunk};
 use super::lanes::LANES;
 use super::lines::{Path, ViewLanes};
-use super::means::{Components, LaneSums, NO_SUMS, NOTHING, Wanted, add_means_of, ends_in_block};
+use super::means::{
+    Components, LaneSums, Means, NO_SUMS, NOTHING, Wanted, add_means_of, ends_in_block,
+};
 use super::mesh;
 use super::orders::FollowedOrder;
 use super::patch::Patch;
@@ -43,6 +45,8 @@ pub(super) struct Tracer<'a, const AVX2: bool> {
     sums: Vec<LaneSums>,
     /// Sums of all blocks, in the same order.
     totals: Vec<LaneSums>,
+    /// Components of the newest patch's pixels.
+    components: Box<[Components; LANES]>,
     paths: PerLayer<u64>,
     misses: PerLayer<u64>,
 }
@@ -72,6 +76,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
             spans: Spans::new(scene, sums),
             sums: vec![NO_SUMS; sums],
             totals: vec![NO_SUMS; sums],
+            components: Box::new([Components::default(); LANES]),
             paths: PerLayer::default(),
             misses: PerLayer::default(),
         }
@@ -83,17 +88,18 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
     }
 
     /// Traces the `wanted` components of the patch at (`x`, `y`) with `samples`, an aligned power-of-two block. R takes only
-    /// the first `clean` samples of the block. Paths of pixels that are not `live` are not counted.
+    /// the first `clean` samples of the block. Paths of lanes without a pixel are not counted.
     #[inline(always)]
     pub(super) fn patch(
         &mut self,
         (x, y): (u32, u32),
-        live: [bool; LANES],
+        pixels: &[Option<usize>; LANES],
         samples: &Range<u32>,
         clean: u32,
         wanted: Wanted,
-    ) -> [Components; LANES] {
+    ) -> &[Components; LANES] {
         let scene = self.scene;
+        let live = pixels.map(|pixel| pixel.is_some());
         let patch = Patch::new(scene, x, y);
         let views = [&scene.front, &scene.back].map(|surface| match surface {
             Surface::Sheet(view) => Some(ViewLanes::new(view, &patch)),
@@ -102,7 +108,9 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         let place = Place { patch, views, live };
         let all = samples.end - samples.start;
         let counts = Counts { all, block: all.min(BLOCK as u32), clean };
-        self.totals.fill(NO_SUMS);
+        if counts.block < all {
+            self.totals.fill(NO_SUMS);
+        }
         for before in (0..all).step_by(counts.block as usize) {
             self.sums.fill(NO_SUMS);
             for first in (before..before + counts.block).step_by(CHUNK) {
@@ -117,6 +125,10 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
                     self.follow(&place, path, sums, clean, ends);
                 }
             }
+            if counts.block == all {
+                std::mem::swap(&mut self.totals, &mut self.sums);
+                break;
+            }
             for (total, sums) in self.totals.iter_mut().zip(&self.sums) {
                 let total = total.as_flattened_mut().as_flattened_mut();
                 for (total, sum) in total.iter_mut().zip(sums.as_flattened().as_flattened()) {
@@ -124,7 +136,10 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
                 }
             }
         }
-        std::array::from_fn(|l| self.components(l, counts))
+        for l in 0..LANES {
+            self.components[l] = self.components_of(l, counts);
+        }
+        &self.components
     }
 
     /// Traces the current chunk along the orders of the glass. `before` is the first sample of its block, and `first` its own,
@@ -214,31 +229,23 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
 
     /// Returns the components of pixel `l`, from the sums of all blocks.
     #[inline(always)]
-    fn components(&self, l: usize, counts: Counts) -> Components {
-        let scene = self.scene;
-        let orders = &scene.orders;
+    fn components_of(&self, l: usize, counts: Counts) -> Components {
+        let (orders, first_alone) = (&self.scene.orders, self.scene.first_reflection_alone);
         let (of_front, others) = self.totals.split_at(orders.front.len());
         let (of_back, others) = others.split_at(orders.back.len());
-        let blocks = counts.all / counts.block;
-        let mean_of = |list: &[FollowedOrder], sums: &[LaneSums]| {
-            let mut total = NOTHING;
-            for (followed, sums) in list.iter().zip(sums) {
-                add_means_of(&mut total, sums, l, followed.samples_of_block(counts.block) * blocks);
-            }
-            total
-        };
-        let reflected = mean_of(&orders.back, of_back);
+        let reflected = mean_of(&orders.back, of_back, l, counts);
         let back = match orders.back.first() {
-            Some(first) if scene.first_reflection_alone && first.order == Order::Reflected(0) => {
-                mean_of(&orders.back[..1], of_back)
+            Some(first) if first_alone && first.order == Order::Reflected(0) => {
+                mean_of(&orders.back[..1], of_back, l, counts)
             }
-            _ if scene.first_reflection_alone => NOTHING,
+            _ if first_alone => NOTHING,
             _ => reflected,
         };
         let [mut bare, mut clean] = [NOTHING; 2];
         add_means_of(&mut bare, &others[0], l, counts.all);
         add_means_of(&mut clean, &others[1], l, counts.clean.max(1));
-        Components { front: mean_of(&orders.front, of_front), bare, reflected, back, clean }
+        let front = mean_of(&orders.front, of_front, l, counts);
+        Components { front, bare, reflected, back, clean }
     }
 
     /// Counts `samples` paths of each live pixel, and their misses, for the layers that an order (or R's path) feeds.
@@ -272,4 +279,15 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
             self.misses[layer] += missed;
         }
     }
+}
+
+/// Returns the sum of the means of several orders at pixel `l`.
+#[inline(always)]
+fn mean_of(list: &[FollowedOrder], sums: &[LaneSums], l: usize, counts: Counts) -> Means {
+    let blocks = counts.all / counts.block;
+    let mut total = NOTHING;
+    for (followed, sums) in list.iter().zip(sums) {
+        add_means_of(&mut total, sums, l, followed.samples_of_block(counts.block) * blocks);
+    }
+    total
 }
