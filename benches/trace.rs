@@ -38,16 +38,16 @@ fn polygons(decoded: &Decoded) -> Decoded {
     };
     let k = &sheet.intrinsics;
     let (nx, ny) = (sheet.width, sheet.height);
-    let depths = sheet.inverse_depth_per_m.iter().enumerate();
+    let depths = sheet.inverse_depths_per_m().enumerate();
     let mesh = Polygons {
         vertices_m: depths
-            .map(|(q, &w)| {
+            .map(|(q, w)| {
                 let x = ((q % nx) as f64 + 0.5 - k.cx) / k.fx;
                 let y = ((q / nx) as f64 + 0.5 - k.cy) / k.fy;
                 DVec3::new(x, y, 1.0) / f64::from(w)
             })
             .collect(),
-        radiance: sheet.radiance.clone(),
+        radiance: sheet.radiance().copied().collect(),
         triangles: (0..(nx - 1) * (ny - 1))
             .flat_map(|q| {
                 let a = (q / (nx - 1) * nx + q % (nx - 1)) as u32;
@@ -56,7 +56,7 @@ fn polygons(decoded: &Decoded) -> Decoded {
             })
             .collect(),
         empty_faces: 0,
-        max_radiance: sheet.max_radiance,
+        max_radiance: sheet.texture.max_radiance(),
     };
     mesh.into()
 }
@@ -158,7 +158,7 @@ fn scenes(c: &mut Criterion) {
     };
     group.bench_function("grid", |b| {
         b.iter_batched(
-            || sheet.inverse_depth_per_m.clone(),
+            || sheet.inverse_depths_per_m().collect(),
             |w| Grid::new(sheet.width, sheet.height, w),
             criterion::BatchSize::LargeInput,
         );

@@ -57,18 +57,18 @@ fn photograph(color: &[u8], depth: &[u8], mask: Option<&[u8]>) -> bool {
     let files = PhotographFiles { color: named(color), depth: named(depth), mask: mask.map(named) };
     match decode_photograph(&line, &files) {
         Ok(sheet) => {
-            let sizes = [sheet.width, sheet.height, sheet.color_width, sheet.color_height];
+            let color = [sheet.texture.width(), sheet.texture.height()];
+            let sizes = [sheet.width, sheet.height, color[0], color[1]];
             assert!(sizes.iter().all(|n| (1..=MAX_SIDE).contains(n)));
-            let (vertices, texels) =
-                (sheet.width * sheet.height, sheet.color_width * sheet.color_height);
+            let (vertices, texels) = (sheet.width * sheet.height, color[0] * color[1]);
             assert!(vertices <= MAX_PIXELS && texels <= MAX_PIXELS);
-            assert_eq!(sheet.inverse_depth_per_m.len(), vertices);
+            assert_eq!(sheet.inverse_depths_per_m().count(), vertices);
             assert_eq!(sheet.valid.len(), vertices);
-            assert_eq!(sheet.radiance.len(), texels);
-            assert!(sheet.inverse_depth_per_m.iter().all(|w| w.is_normal() && *w > 0.0));
-            let radiance = sheet.radiance.as_flattened();
-            assert!(radiance.iter().all(|v| (0.0..=sheet.max_radiance).contains(v)));
-            assert!(sheet.max_radiance.is_finite() && sheet.front_center_z_m > 0.0);
+            assert_eq!(sheet.radiance().count(), texels);
+            assert!(sheet.inverse_depths_per_m().all(|w| w.is_normal() && w > 0.0));
+            let most = sheet.texture.max_radiance();
+            assert!(sheet.radiance().flatten().all(|v| (0.0..=most).contains(v)));
+            assert!(most.is_finite() && sheet.front_center_z_m > 0.0);
             true
         }
         Err(SceneError::NoDepth { .. }) => false,

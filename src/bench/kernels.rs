@@ -253,7 +253,7 @@ pub fn grid_builds(scene: &BenchScene, passes: usize) -> Vec<BuildRow> {
     });
     let rows = sheets.map(|(side, sheet)| {
         let timed = timed(&[Isa::Baseline], passes, |_| {
-            let w = sheet.inverse_depth_per_m.clone();
+            let w = sheet.inverse_depths_per_m().collect();
             let (grid, taken) = cpu_s(|| black_box(Grid::new(sheet.width, sheet.height, w)));
             drop(grid);
             taken

@@ -7,7 +7,7 @@ use render::line::{SceneLine, parse_scene};
 use render::scene::{
     DecodedScene, InputDigests, LoadedScene, SceneFiles, Sheet, SideFiles, assemble, decode,
 };
-use render::trace::Sampling;
+use render::trace::{Grid, Sampling, Texture};
 use serde_json::{Value, json};
 
 /// Seed of the built-in photographs.
@@ -79,14 +79,11 @@ pub fn stress(film_px: u32) -> BenchScene {
         Sheet {
             width,
             height,
-            inverse_depth_per_m: (0..width * height).map(w).collect(),
-            valid: vec![true; width * height],
+            grid: Grid::new(width, height, (0..width * height).map(w).collect()).into(),
+            valid: vec![true; width * height].into(),
             filled_share: 0.0,
             relative: None,
-            color_width: width,
-            color_height: height,
-            radiance,
-            max_radiance: 1.0,
+            texture: Texture::from_vec(width, height, radiance).into(),
             intrinsics: sheet_intrinsics,
             front_center_z_m: 0.8,
         }

@@ -104,12 +104,15 @@ pub(super) struct RootArgs {
     pub(super) roots: Vec<String>,
 }
 
-/// Longest time between writes of partials.
+/// What a worker keeps in memory.
 #[derive(Clone, Copy, Debug, ClapArgs)]
-pub(super) struct CheckpointArgs {
+pub(super) struct MemoryArgs {
     /// Longest time that a scene's partials wait in memory, in seconds; a kill loses them and the shards in flight
     #[arg(long, value_name = "S", default_value = "20", value_parser = parse_duration, env = "GLASSHOUSE_CHECKPOINT_S")]
     pub(super) checkpoint_s: Duration,
+    /// Memory for decoded photographs, GB, in case later scenes show them again
+    #[arg(long, value_name = "GB", default_value = "0", value_parser = parse_gb)]
+    pub(super) photographs_gb: f64,
 }
 
 /// Cache of input files from object stores.
@@ -243,6 +246,11 @@ fn parse_gb(text: &str) -> Result<f64, String> {
         Ok(gb) if (0.0..=1e6).contains(&gb) => Ok(gb),
         _ => Err("write a number of gigabytes from 0 to 1000000".to_owned()),
     }
+}
+
+/// Converts an option in GB to bytes.
+pub(super) fn bytes_of_gb(gb: f64) -> usize {
+    (gb.max(0.0) * 1e9) as usize
 }
 
 pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {

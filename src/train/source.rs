@@ -10,6 +10,7 @@ use render::ids::SceneId;
 use render::line::{Roots, SceneLine};
 use render::merge::{TupleRecord, decode_tuple_exr, is_readable_record_of};
 use render::scene::{Decoded, decode, read_files_by};
+use render::trace::Texture;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -231,10 +232,7 @@ impl PhotographSource {
         let decoded = decode(line, &files).map_err(|e| unusable(e.to_string()))?;
         let size = [line.film.width, line.film.height];
         let part = |side: &Decoded| match side {
-            Decoded::Sheet(sheet) => {
-                let size_px = [sheet.color_width as u32, sheet.color_height as u32];
-                Ok(fitted(&sheet.radiance, size_px, size))
-            }
+            Decoded::Sheet(sheet) => Ok(fitted(&sheet.texture, size)),
             Decoded::Mesh(_) => {
                 Err(unusable("one side is a mesh: mixtures need two photographs".to_owned()))
             }
@@ -244,15 +242,10 @@ impl PhotographSource {
 }
 
 /// Crops a picture centrally, scales it to another size and encodes it in sRGB.
-fn fitted(
-    radiance: &[[f32; 4]],
-    [width, height]: [u32; 2],
-    [to_width, to_height]: [u32; 2],
-) -> Picture {
-    let picture = Rgb32FImage::from_fn(width, height, |x, y| {
-        let [r, g, b, _] = radiance[(y * width + x) as usize];
-        image::Rgb([r, g, b])
-    });
+fn fitted(texture: &Texture, [to_width, to_height]: [u32; 2]) -> Picture {
+    let (width, height) = (texture.width() as u32, texture.height() as u32);
+    let values = texture.rows().flatten().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
+    let picture = Rgb32FImage::from_raw(width, height, values).expect("three values a texel");
     let scale =
         (f64::from(width) / f64::from(to_width)).min(f64::from(height) / f64::from(to_height));
     let cut = [to_width, to_height].map(|side| (f64::from(side) * scale).round().max(1.0) as u32);

@@ -60,8 +60,8 @@ impl Photo {
         let [nx, ny] = self.size;
         let [fx, fy] = self.focal_px;
         View {
-            grid: Grid::new(nx, ny, self.w.clone()),
-            texture: Texture::new(self.texture_size[0], self.texture_size[1], &self.texels),
+            grid: Grid::new(nx, ny, self.w.clone()).into(),
+            texture: Texture::new(self.texture_size[0], self.texture_size[1], &self.texels).into(),
             focal_px: [if mirrored { -fx } else { fx }, fy],
             principal: self.center_px.map(|c| c - 0.5),
             pose,

@@ -25,14 +25,14 @@ fn relative_depths_of_real_photographs_become_metres() {
     };
     // Mean depth of a quarter of the rows, to compare the ground with the upper rows.
     let z_m = |sheet: &Sheet, quarter: usize| {
-        let count = sheet.inverse_depth_per_m.len() / 4;
-        let rows = quarter * count..(quarter + 1) * count;
-        let z = sheet.inverse_depth_per_m[rows].iter().map(|w| 1.0 / f64::from(*w));
+        let count = sheet.valid.len() / 4;
+        let rows = sheet.inverse_depths_per_m().skip(quarter * count).take(count);
+        let z = rows.map(|w| 1.0 / f64::from(w));
         z.sum::<f64>() / count as f64
     };
     let mean_m = |sheet: &Sheet| {
-        let pixels = sheet.inverse_depth_per_m.iter().zip(&sheet.valid);
-        let z: Vec<f64> = pixels.filter(|(_, v)| **v).map(|(w, _)| 1.0 / f64::from(*w)).collect();
+        let pixels = sheet.inverse_depths_per_m().zip(&*sheet.valid);
+        let z: Vec<f64> = pixels.filter(|(_, v)| **v).map(|(w, _)| 1.0 / f64::from(w)).collect();
         z.iter().sum::<f64>() / z.len() as f64
     };
 
@@ -49,7 +49,7 @@ fn relative_depths_of_real_photographs_become_metres() {
     let fine = decode(moon[0], moon[1], None, range);
     let coarse = decode(moon[0], "moon_estimated/moon.png", None, range);
     assert_eq!((fine.relative.unwrap().near_m, fine.relative.unwrap().far_m), (3.0, 60.0));
-    let pairs = fine.inverse_depth_per_m.iter().zip(&coarse.inverse_depth_per_m);
+    let pairs = fine.inverse_depths_per_m().zip(coarse.inverse_depths_per_m());
     let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(worst < 1e-4, "{worst}");
 

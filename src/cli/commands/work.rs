@@ -1,8 +1,8 @@
 //! `work RUN`: traces and merges scenes, alone, for a farm, or as a worker's child.
 
 use crate::cli::args::{
-    CacheArgs, CheckpointArgs, FARM, Global, QueueArgs, RootArgs, isa, parse_duration, threads,
-    typed,
+    CacheArgs, FARM, Global, MemoryArgs, QueueArgs, RootArgs, bytes_of_gb, isa, parse_duration,
+    threads, typed,
 };
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::isolate::{self, Children, Only};
@@ -40,7 +40,7 @@ pub(super) struct WorkArgs {
     #[command(flatten)]
     cache: CacheArgs,
     #[command(flatten)]
-    checkpoint: CheckpointArgs,
+    memory: MemoryArgs,
     /// Name of this worker in messages and receipts [default: host and process]
     #[arg(long, value_name = "NAME", help_heading = FARM)]
     name: Option<String>,
@@ -81,7 +81,7 @@ pub(super) fn run(args: &WorkArgs, global: &Global, output: &Output) -> Result<E
         cache: Some(&args.cache),
         queue: Some(&args.queue),
         hang: global.hang_s,
-        checkpoint: args.checkpoint.checkpoint_s,
+        memory: args.memory,
         name: args.name.clone().unwrap_or_else(queue::worker_name),
         faults: &args.faults,
     };
@@ -104,7 +104,7 @@ pub(super) struct How<'a> {
     cache: Option<&'a CacheArgs>,
     queue: Option<&'a QueueArgs>,
     hang: Duration,
-    checkpoint: Duration,
+    memory: MemoryArgs,
     name: String,
     faults: &'a [Fault],
 }
@@ -114,7 +114,7 @@ impl<'a> How<'a> {
     pub(super) fn alone(
         run: &'a Path,
         roots: &'a [String],
-        checkpoint: Duration,
+        memory: MemoryArgs,
         global: &Global,
     ) -> Self {
         Self {
@@ -124,7 +124,7 @@ impl<'a> How<'a> {
             cache: None,
             queue: None,
             hang: global.hang_s,
-            checkpoint,
+            memory,
             name: queue::worker_name(),
             faults: &[],
         }
@@ -138,7 +138,8 @@ impl<'a> How<'a> {
         options.deadline = self.deadline;
         options.who = WorkerName { worker: self.name.clone(), host: queue::host_name() };
         options.hang = self.hang;
-        options.checkpoint = self.checkpoint;
+        options.checkpoint = self.memory.checkpoint_s;
+        options.photographs_bytes = bytes_of_gb(self.memory.photographs_gb);
         options.faults = self.faults;
         Ok(options)
     }

@@ -7,7 +7,7 @@ use crate::farm::FarmError;
 use crate::run::{AccessError, Event, Makers, Stage, Stopwatch, keys};
 use render::job::SceneJob;
 use render::merge::combine;
-use render::scene::{LoadError, load};
+use render::scene::{LoadError, load_with};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
@@ -31,7 +31,9 @@ impl<'a> ComputeThread<'_, 'a> {
             return;
         }
         let start = Stopwatch::start();
-        let loaded = catch_unwind(AssertUnwindSafe(|| files.and_then(|files| load(line, &files))));
+        let cache = &worker.photographs;
+        let load = || files.and_then(|files| load_with(line, &files, cache));
+        let loaded = catch_unwind(AssertUnwindSafe(load));
         for fault in worker.options.faults {
             fault.after_load();
         }

@@ -14,6 +14,7 @@ use crate::store::Store;
 use crossbeam::deque::Injector;
 use render::line::SceneLine;
 use render::partial::Maker;
+use render::scene::PhotographCache;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
@@ -29,6 +30,7 @@ pub(super) struct Worker<'a> {
     pub(super) start: Instant,
     /// This worker, as the maker of its partials.
     pub(super) maker: Maker,
+    pub(super) photographs: PhotographCache,
     pub(super) tasks: Mutex<Tasks<Arc<ActiveTask<'a>>>>,
     /// Jobs for the compute threads, which do them before all else, to store results and to free their memory.
     pub(super) jobs: Injector<Job<'a>>,

@@ -22,6 +22,8 @@ pub struct WorkOptions<'a> {
     pub hang: Duration,
     /// Longest time that partials of a scene stay in memory only, unless other workers share the scene.
     pub checkpoint: Duration,
+    /// Memory for decoded photographs that later scenes may show again, bytes.
+    pub photographs_bytes: usize,
     /// Sandbox for tasks that may kill the process that traces them. Without a sandbox, this process traces them.
     pub sandbox: Option<&'a dyn Sandbox>,
     pub faults: &'a [Fault],
@@ -42,6 +44,7 @@ impl<'a> WorkOptions<'a> {
             who: WorkerName { worker: "local".to_owned(), host: "local".to_owned() },
             hang: Duration::from_mins(2),
             checkpoint: CHECKPOINT,
+            photographs_bytes: 0,
             sandbox: None,
             faults: &[],
         }

@@ -22,6 +22,7 @@ use crossbeam::channel::bounded;
 use crossbeam::deque::{Injector, Worker as Deque};
 use render::color::SrgbEncoder;
 use render::ids::SceneId;
+use render::scene::PhotographCache;
 use render::shard::golden;
 use render::trace::TRACER_VERSION;
 use std::cell::Cell;
@@ -133,6 +134,7 @@ fn work_on<'a>(
         on_event,
         start: Instant::now(),
         maker: options.who.maker(),
+        photographs: PhotographCache::new(options.photographs_bytes),
         tasks: Mutex::new(Tasks::new(options.checkpoint)),
         jobs: Injector::new(),
         stop: StopSigns::default(),

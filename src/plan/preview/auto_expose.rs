@@ -8,7 +8,7 @@ use crate::light::{
 };
 use render::line::SceneLine;
 use render::scene::{AssembleError, Decoded, LoadError, SceneFiles, decode};
-use render::trace::Isa;
+use render::trace::{Isa, Texture};
 
 /// Geometric mean luminance of a metered photograph: middle grey.
 const MIDDLE_GREY: f64 = 0.18;
@@ -100,25 +100,31 @@ fn plain_camera(line: &SceneLine) -> SceneLine {
 
 /// Computes the geometric mean luminance of one side's pixels (for a mesh: its vertices).
 fn mean_luminance(side: &Decoded) -> f64 {
-    let radiance = match side {
-        Decoded::Sheet(sheet) => &sheet.radiance,
-        Decoded::Mesh(mesh) => &mesh.radiance,
-    };
     let log = |&[r, g, b, _]: &[f32; 4]| libm::log2(luminance([r, g, b].map(f64::from)).max(FLOOR));
-    let sum: f64 = radiance.iter().map(log).sum();
-    libm::exp2(sum / radiance.len().max(1) as f64)
+    let (sum, count): (f64, usize) = match side {
+        Decoded::Sheet(sheet) => {
+            let texture = &sheet.texture;
+            (sheet.radiance().map(log).sum(), texture.width() * texture.height())
+        }
+        Decoded::Mesh(mesh) => (mesh.radiance.iter().map(log).sum(), mesh.radiance.len()),
+    };
+    libm::exp2(sum / count.max(1) as f64)
 }
 
 fn scale(side: &mut Decoded, factors: [f64; 3]) {
-    let (radiance, max) = match side {
-        Decoded::Sheet(sheet) => (&mut sheet.radiance, &mut sheet.max_radiance),
-        Decoded::Mesh(mesh) => (&mut mesh.radiance, &mut mesh.max_radiance),
+    let scaled = |pixel: &[f32; 4]| {
+        let [red, green, blue] = [0, 1, 2].map(|c| (f64::from(pixel[c]) * factors[c]) as f32);
+        [red, green, blue, pixel[3]]
     };
-    *max = 0.0;
-    for pixel in radiance {
-        for c in 0..3 {
-            pixel[c] = (f64::from(pixel[c]) * factors[c]) as f32;
-            *max = max.max(pixel[c]);
+    match side {
+        Decoded::Sheet(sheet) => {
+            let texels = sheet.radiance().map(scaled).collect();
+            let (width, height) = (sheet.texture.width(), sheet.texture.height());
+            sheet.texture = Texture::from_vec(width, height, texels).into();
+        }
+        Decoded::Mesh(mesh) => {
+            mesh.radiance.iter_mut().for_each(|vertex| *vertex = scaled(vertex));
+            mesh.max_radiance = mesh.radiance.iter().flatten().copied().fold(0.0, f32::max);
         }
     }
 }

@@ -25,9 +25,10 @@ impl OtherAspect {
 
     pub(super) fn of(placed: &Placed) -> Option<Self> {
         match placed {
-            Placed::Sheet(sheet) => {
-                Self::find([sheet.color_width, sheet.color_height], [sheet.width, sheet.height])
-            }
+            Placed::Sheet(sheet) => Self::find(
+                [sheet.texture.width(), sheet.texture.height()],
+                [sheet.width, sheet.height],
+            ),
             Placed::Mesh(_) => None,
         }
     }

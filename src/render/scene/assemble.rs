@@ -19,7 +19,15 @@ pub fn assemble(
     front: impl Into<Decoded>,
     back: impl Into<Decoded>,
 ) -> Result<(Scene, SceneFacts), AssembleError> {
-    let (front, back): (Decoded, Decoded) = (front.into(), back.into());
+    assemble_sides(line, front.into(), back.into())
+}
+
+/// [`assemble`] without type parameters, so that it is compiled with the settings of this crate.
+fn assemble_sides(
+    line: &SceneLine,
+    front: Decoded,
+    back: Decoded,
+) -> Result<(Scene, SceneFacts), AssembleError> {
     let max_radiance = Sides { front: front.max_radiance(), back: back.max_radiance() };
     let slab = slab(line);
     let back_camera = BackCamera::new(line.back.apex().unwrap_or_default(), &slab);

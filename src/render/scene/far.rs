@@ -19,9 +19,13 @@ pub(super) fn far_median_m(side: &Side, placed: &Placed) -> Option<f64> {
     let (Side::Photograph(line), Placed::Sheet(sheet)) = (side, placed) else {
         return None;
     };
-    let pixels = sheet.inverse_depth_per_m.iter().zip(&sheet.valid);
-    let valid = pixels.filter(|(_, valid)| **valid).map(|(&w, _)| 1.0 / f64::from(w));
-    if is_metric(line) { far_median(valid) } else { None }
+    // No depth is far if the farthest is not.
+    let [least, _] = sheet.grid.extremes();
+    if !is_metric(line) || 1.0 / f64::from(least) <= FAR_MEDIAN_M {
+        return None;
+    }
+    let pixels = sheet.inverse_depths_per_m().zip(&*sheet.valid);
+    far_median(pixels.filter(|(_, valid)| **valid).map(|(w, _)| 1.0 / f64::from(w)))
 }
 
 /// Returns the median of a depth file's metric depths, m, if it is above [`FAR_MEDIAN_M`]. The mask is not applied.

@@ -1,9 +1,10 @@
 //! Reads, decodes and assembles a scene's files. Decoding is pure.
 
+use super::cache::PhotographCache;
 use super::facts::order_facts;
 use super::panorama::decode_panorama;
 use super::window::Sight;
-use super::{AssembleError, Decoded, SceneFacts, assemble, decode_mesh, decode_photograph};
+use super::{AssembleError, Decoded, SceneFacts, assemble, decode_mesh};
 use crate::formats::{NamedBytes, PanoramaFiles, PhotographFiles, SceneError};
 use crate::line::{PanoramaDepth, RootError, Roots, SceneLine, Side};
 use crate::trace::Scene;
@@ -115,7 +116,16 @@ pub fn read_files_by(
 
 /// Decodes the files and assembles the scene.
 pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadError> {
-    let decoded = decode(line, files)?;
+    load_with(line, files, &PhotographCache::new(0))
+}
+
+/// Like [`load`], with photographs from a cache. The scene has the same bits.
+pub fn load_with(
+    line: &SceneLine,
+    files: &SceneFiles,
+    cache: &PhotographCache,
+) -> Result<LoadedScene, LoadError> {
+    let decoded = decode_with(line, files, cache)?;
     let (scene, facts) = assemble(line, decoded.front, decoded.back)?;
     Ok(LoadedScene { scene, facts, inputs: decoded.inputs })
 }
@@ -123,10 +133,21 @@ pub fn load(line: &SceneLine, files: &SceneFiles) -> Result<LoadedScene, LoadErr
 /// Decodes the files: the first half of [`load`], for several scenes of the same photographs. Decodes only the part of
 /// a panorama that is visible in this line.
 pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, LoadError> {
+    decode_with(line, files, &PhotographCache::new(0))
+}
+
+/// Like [`decode`], with photographs from a cache.
+fn decode_with(
+    line: &SceneLine,
+    files: &SceneFiles,
+    cache: &PhotographCache,
+) -> Result<DecodedScene, LoadError> {
+    let [front, back] = [&files.front, &files.back].map(Digests::of);
+    let side = |side: &Side| side.seen_by(&line.camera);
     Ok(DecodedScene {
-        front: decode_side(&line.front.seen_by(&line.camera), &files.front, || Sight::front(line))?,
-        back: decode_side(&line.back.seen_by(&line.camera), &files.back, || Sight::back(line))?,
-        inputs: digests(files),
+        front: decode_side(&side(&line.front), &files.front, &front, cache, || Sight::front(line))?,
+        back: decode_side(&side(&line.back), &files.back, &back, cache, || Sight::back(line))?,
+        inputs: InputDigests(front.named("front").chain(back.named("back")).collect()),
     })
 }
 
@@ -134,11 +155,14 @@ pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, Load
 fn decode_side(
     side: &Side,
     files: &SideFiles,
+    digests: &Digests,
+    cache: &PhotographCache,
     sight: impl Fn() -> Sight,
 ) -> Result<Decoded, SceneError> {
     Ok(match (side, files) {
         (Side::Photograph(line), SideFiles::Photograph(files)) => {
-            decode_photograph(line, files)?.into()
+            let digests = ["color", "depth", "mask"].map(|part| digests.get(part));
+            cache.photograph(line, files, digests)?.into()
         }
         (Side::Panorama(line), SideFiles::Panorama(files)) => {
             decode_panorama(line, files, &sight())?.into()
@@ -148,9 +172,11 @@ fn decode_side(
     })
 }
 
-fn digests(files: &SceneFiles) -> InputDigests {
-    let mut digests = BTreeMap::new();
-    for (side, files) in [("front", &files.front), ("back", &files.back)] {
+/// Digests of one side's files, by their part of the side.
+struct Digests(Vec<(&'static str, blake3::Hash)>);
+
+impl Digests {
+    fn of(files: &SideFiles) -> Self {
         let parts = match files {
             SideFiles::Photograph(p) => vec![
                 ("color", Some(&p.color)),
@@ -162,12 +188,18 @@ fn digests(files: &SceneFiles) -> InputDigests {
             }
             SideFiles::Mesh(file) => vec![("mesh", Some(file))],
         };
-        for (part, file) in parts {
-            if let Some(file) = file {
-                let digest = blake3::hash(&file.bytes).to_hex().to_string();
-                digests.insert(format!("{side}.{part}"), digest);
-            }
-        }
+        let digest =
+            |(part, file): (_, Option<&NamedBytes>)| Some((part, blake3::hash(&file?.bytes)));
+        Self(parts.into_iter().filter_map(digest).collect())
     }
-    InputDigests(digests)
+
+    fn get(&self, part: &str) -> Option<blake3::Hash> {
+        self.0.iter().find(|(of, _)| *of == part).map(|(_, digest)| *digest)
+    }
+
+    fn named(&self, side: &str) -> impl Iterator<Item = (String, String)> {
+        self.0
+            .iter()
+            .map(move |(part, digest)| (format!("{side}.{part}"), digest.to_hex().to_string()))
+    }
 }

@@ -10,7 +10,8 @@
 //!
 //! A panorama passes through `window` (the visible part) and `equirect` to `panorama` (Sheet), and a mesh through
 //! `ply_header`, `ply` and `transfer` to `mesh` (Polygons). `assemble` takes sheets and meshes and uses `place`,
-//! `check_geometry`, `near` and `surface`, with the coordinates of `geometry`. `look` checks files by their headers.
+//! `check_geometry`, `near` and `surface`, with the coordinates of `geometry`. `look` checks files by their headers. `cache`
+//! keeps decoded photographs, if asked to.
 //!
 //! Hostile bytes cause a [`SceneError`](crate::formats::SceneError), never a panic. Sizes are checked
 //! ([`crate::formats::limits`]) before memory of that size is allocated. A sheet's bits depend only on the bytes and
@@ -18,6 +19,7 @@
 
 mod aspect;
 mod assemble;
+mod cache;
 mod center;
 mod check_geometry;
 mod color;
@@ -45,6 +47,7 @@ mod window;
 
 pub use aspect::OtherAspect;
 pub use assemble::assemble;
+pub use cache::PhotographCache;
 pub use check_geometry::{GeometryError, MAX_INCIDENCE_DEG, check_geometry};
 pub use error::{AssembleError, MAX_TOO_NEAR_SHARE};
 pub use facts::{OrderFact, SceneFacts, Sides, SidesWith};
@@ -52,7 +55,7 @@ pub use far::{FAR_MEDIAN_M, far_depth_m, far_text};
 pub(crate) use geometry::BackCamera;
 pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
-    read_files, read_files_by,
+    load_with, read_files, read_files_by,
 };
 pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 pub use mesh::{Polygons, decode_mesh};

@@ -61,14 +61,27 @@ impl Near<'_> {
 
     fn of_sheet(&self, sheet: &Sheet, height: impl Fn(DVec3) -> f64) -> Counts {
         let k = &sheet.intrinsics;
-        let pixels = sheet.inverse_depth_per_m.iter().zip(&sheet.valid).enumerate();
-        let points = pixels.filter(|(_, (_, valid))| **valid).map(|(q, (&w, _))| {
-            let (i, j) = (q % sheet.width, q / sheet.width);
+        let point = |i: usize, j: usize, w: f32| {
             let z = 1.0 / f64::from(w);
             let x = (i as f64 + 0.5 - k.cx) / k.fx * z;
             let y = (j as f64 + 0.5 - k.cy) / k.fy * z;
             (z, height(DVec3::new(x, y, z)))
-        });
+        };
+        // The height is linear in z and in the direction, so its minimum over the box that contains all vertices is at one of the
+        // corners. The margin covers rounding.
+        let (right, bottom) = (sheet.width - 1, sheet.height - 1);
+        let corners = [(0, 0), (right, 0), (0, bottom), (right, bottom)];
+        let ends = sheet.grid.extremes();
+        let lowest_m = corners
+            .into_iter()
+            .flat_map(|(i, j)| ends.map(|w| point(i, j, w).1))
+            .fold(f64::INFINITY, f64::min);
+        if lowest_m > self.slab.plane_distance_m * 1.000_001 {
+            return Counts { all: 1, near: 0, nearest_m: 1.0 / f64::from(ends[1]) };
+        }
+        let pixels = sheet.inverse_depths_per_m().zip(&*sheet.valid).enumerate();
+        let points = pixels.filter(|(_, (_, valid))| **valid);
+        let points = points.map(|(q, (w, _))| point(q % sheet.width, q / sheet.width, w));
         Counts::of(points, self.slab.plane_distance_m)
     }
 

@@ -11,6 +11,7 @@ use super::{center, color, depth, fill, relative};
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes, PanoramaFiles};
 use crate::line::{DepthMap, Fill, Intrinsics, Orientation, PanoramaDepth, PanoramaFile, Transfer};
+use crate::trace::{Grid, Texture};
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
 
@@ -117,14 +118,11 @@ pub(super) fn decode_panorama(
     Ok(Sheet {
         width: view.width,
         height: view.height,
-        inverse_depth_per_m,
-        valid,
+        grid: Grid::new(view.width, view.height, inverse_depth_per_m).into(),
+        valid: valid.into(),
         filled_share: holes as f64 / pixels as f64,
         relative,
-        color_width: view.width,
-        color_height: view.height,
-        max_radiance: radiance.iter().flatten().copied().fold(0.0, f32::max),
-        radiance,
+        texture: Texture::from_vec(view.width, view.height, radiance).into(),
         intrinsics: view.intrinsics,
         front_center_z_m,
     })

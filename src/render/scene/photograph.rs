@@ -6,35 +6,51 @@ use super::{center, color, depth, fill, mask};
 use crate::formats::error::SceneError;
 use crate::formats::files::{NamedBytes, PhotographFiles};
 use crate::line::{Fill, Intrinsics, Orientation, Photograph, Transfer, validate_side};
+use crate::trace::{Grid, Texture};
 use std::path::Path;
+use std::sync::Arc;
 
-/// A continuous surface with radiance: one vertex at each pixel centre of the depth image.
+/// A continuous surface with radiance: one vertex at each pixel centre of the depth image. A clone shares its pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sheet {
     /// Number of vertex columns: width of the depth image, px.
     pub width: usize,
     /// Number of vertex rows: height of the depth image, px.
     pub height: usize,
-    /// 1/z of each vertex, row by row. Holes are filled, and every value is normal and above 0.
-    pub inverse_depth_per_m: Vec<f32>,
-    /// True for measured vertices, false for filled vertices.
-    pub valid: Vec<bool>,
+    /// 1/z of each vertex. Holes are filled, and every value is normal and above 0.
+    pub grid: Arc<Grid>,
+    /// True for measured vertices, false for filled vertices; row by row.
+    pub valid: Arc<[bool]>,
     /// Share of filled vertices.
     pub filled_share: f64,
     /// Ends of a relative depth in metres.
     pub relative: Option<RelativeEnds>,
-    /// Width of the colour image, texels. The image covers the same field of view.
-    pub color_width: usize,
-    /// Height of the colour image, texels.
-    pub color_height: usize,
-    /// Linear Rec.709 radiance with curve, exposure and illuminant applied: red, green, blue, 0, for 16-byte loads.
-    pub radiance: Vec<[f32; 4]>,
-    /// Largest radiance of any channel.
-    pub max_radiance: f32,
+    /// Linear Rec.709 radiance with curve, exposure and illuminant applied: red, green, blue, 0, for 16-byte loads. The
+    /// image covers the same field of view.
+    pub texture: Arc<Texture>,
     /// Intrinsics in pixels of the depth image; `size` is `None`.
     pub intrinsics: Intrinsics,
     /// Mean z of the four centre pixels, as published; the nearest valid pixels replace holes.
     pub front_center_z_m: f64,
+}
+
+impl Sheet {
+    /// Returns 1/z of each vertex, row by row.
+    pub fn inverse_depths_per_m(&self) -> impl Iterator<Item = f32> {
+        // The grid repeats a single column or row.
+        let rows = self.grid.inverse_depths_per_m().chunks(self.grid.nx()).take(self.height);
+        rows.flat_map(|row| &row[..self.width]).copied()
+    }
+
+    /// Returns the radiance of each texel, row by row.
+    pub fn radiance(&self) -> impl Iterator<Item = &[f32; 4]> {
+        self.texture.rows().flatten()
+    }
+
+    /// Returns the size in memory, bytes.
+    pub(super) fn bytes(&self) -> usize {
+        self.grid.bytes() + self.texture.bytes() + self.valid.len()
+    }
 }
 
 /// Decodes the files of a photograph and fills the holes of its depth image.
@@ -93,14 +109,11 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
     Ok(Sheet {
         width,
         height,
-        inverse_depth_per_m,
-        valid,
+        grid: Grid::new(width, height, inverse_depth_per_m).into(),
+        valid: valid.into(),
         filled_share: hole_count as f64 / (width * height) as f64,
         relative,
-        color_width: color.width,
-        color_height: color.height,
-        radiance: color.radiance,
-        max_radiance: color.max_radiance,
+        texture: Texture::from_vec(color.width, color.height, color.radiance).into(),
         intrinsics,
         front_center_z_m,
     })

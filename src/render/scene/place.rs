@@ -55,7 +55,7 @@ pub struct MeshFacts {
 impl Decoded {
     pub(super) fn max_radiance(&self) -> f64 {
         f64::from(match self {
-            Self::Sheet(sheet) => sheet.max_radiance,
+            Self::Sheet(sheet) => sheet.texture.max_radiance(),
             Self::Mesh(mesh) => mesh.max_radiance,
         })
     }

@@ -5,7 +5,7 @@ use super::geometry::BackCamera;
 use super::photograph::Sheet;
 use super::place::Placed;
 use crate::line::{Apex, SceneLine};
-use crate::trace::{Grid, Pose, Slab, Surface, Texture, View};
+use crate::trace::{Pose, Slab, Surface, View};
 use glam::DVec3;
 
 /// Makes the surface seen through the pane. Lens rays start within `reach_m` of the axis.
@@ -76,16 +76,14 @@ fn view(
     reach_m: f64,
 ) -> Result<View, AssembleError> {
     let k = sheet.intrinsics;
-    let texture = Texture::from_vec(sheet.color_width, sheet.color_height, sheet.radiance);
-    let grid = Grid::new(sheet.width, sheet.height, sheet.inverse_depth_per_m);
-    let w = f64::from(grid.extremes()[1]);
+    let w = f64::from(sheet.grid.extremes()[1]);
     let travel_px = k.fx.max(k.fy) * reach_m * w;
     if travel_px > MAX_TRAVEL_PX {
         return Err(AssembleError::Travel { side, nearest_m: 1.0 / w, travel_px });
     }
     Ok(View {
-        grid,
-        texture,
+        grid: sheet.grid,
+        texture: sheet.texture,
         focal_px: [sign * k.fx, k.fy],
         principal: [k.cx - 0.5, k.cy - 0.5],
         pose,

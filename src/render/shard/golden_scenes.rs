@@ -109,7 +109,7 @@ impl Parameters {
         let cosines = corners.map(|(x, y)| DVec3::new(x, y, 1.0).normalize().dot(normal));
         let mut front = self.view(1, Pose::Aligned { extra_m: 0.0 }, 1.0);
         if let Some((name, bytes)) = self.photograph {
-            front.texture = texture(name, bytes);
+            front.texture = texture(name, bytes).into();
         }
         let back = self.view(100, pose, sign);
         let radiance = [&front, &back].map(|view| f64::from(view.texture.max_radiance()));
@@ -144,8 +144,8 @@ impl Parameters {
         };
         let texels: Vec<[f32; 4]> = (0..48 * 40).map(texel).collect();
         View {
-            grid: Grid::new(nx, ny, w.collect()),
-            texture: Texture::new(48, 40, &texels),
+            grid: Grid::new(nx, ny, w.collect()).into(),
+            texture: Texture::new(48, 40, &texels).into(),
             focal_px: [sign * 1.25 * nx as f64, 1.25 * ny as f64],
             principal: [nx as f64 / 2.0 - 0.5, ny as f64 / 2.0 - 0.7],
             pose,

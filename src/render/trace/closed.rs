@@ -186,8 +186,8 @@ mod tests {
         let vertices = (nx.div_ceil(2), ny.div_ceil(2));
         let focal = [-0.5, 0.5].map(|half| half * per_px / film.pixel_tangent()[0]);
         let view = View {
-            grid: Grid::new(vertices.0, vertices.1, vec![0.5; vertices.0 * vertices.1]),
-            texture: Texture::new(nx, ny, &rows),
+            grid: Grid::new(vertices.0, vertices.1, vec![0.5; vertices.0 * vertices.1]).into(),
+            texture: Texture::new(nx, ny, &rows).into(),
             focal_px: focal,
             principal: [vertices.0 as f64 / 2.0 - 0.9, vertices.1 as f64 / 2.0 - 0.3],
             pose: Pose::Aligned { extra_m: 0.0 },

@@ -301,8 +301,8 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
         Pose::Aligned { extra_m }
     };
     let view = |key, pose, sign: f64| View {
-        grid: rough(90, 70, key),
-        texture: Texture::new(1, 1, &[[1.0; 4]]),
+        grid: rough(90, 70, key).into(),
+        texture: Texture::new(1, 1, &[[1.0; 4]]).into(),
         focal_px: [sign * 150.0, 140.0],
         principal: [44.5, 34.5],
         pose,

@@ -4,6 +4,7 @@
 //! unrefracted view from the capture point is the photograph itself.
 
 /// Linear Rec.709 radiance of a photograph.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     width: usize,
     height: usize,
@@ -59,6 +60,16 @@ impl Texture {
     /// Returns `count` texels of row `j`, from column `i` on.
     pub(crate) fn row(&self, j: usize, i: usize, count: usize) -> &[[f32; 4]] {
         &self.texels[j * self.stride + i..][..count]
+    }
+
+    /// Returns the texels row by row, without the repeated column and row.
+    pub fn rows(&self) -> impl Iterator<Item = &[[f32; 4]]> {
+        (0..self.height).map(|j| self.row(j, 0, self.width))
+    }
+
+    /// Returns the texture's size in memory, bytes.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.texels[..])
     }
 
     /// Returns the largest value of any colour.

@@ -3,7 +3,7 @@
 #[cfg(feature = "train")]
 mod training;
 
-use crate::cli::args::{CheckpointArgs, Global};
+use crate::cli::args::{Global, MemoryArgs};
 use crate::cli::commands::plan::{self as plan_command, PlanArgs, plan_with, run_folder};
 use crate::cli::commands::report;
 use crate::cli::commands::work::{How, Worked, work_on};
@@ -23,7 +23,7 @@ pub(super) struct RunArgs {
     #[command(flatten)]
     plan: PlanArgs,
     #[command(flatten)]
-    checkpoint: CheckpointArgs,
+    memory: MemoryArgs,
 }
 
 pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
@@ -43,7 +43,7 @@ pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Ex
     run.inputs = store_env::inputs();
     let (outcome, exit, wall) = work_on(
         &run,
-        &How::alone(&folder, &plan.roots.roots, args.checkpoint.checkpoint_s, global),
+        &How::alone(&folder, &plan.roots.roots, args.memory, global),
         global,
         output,
     )?;

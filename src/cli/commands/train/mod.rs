@@ -4,7 +4,7 @@ mod settings;
 
 pub(super) use settings::NetworkName;
 
-use crate::cli::args::{Global, RootArgs};
+use crate::cli::args::{Global, RootArgs, bytes_of_gb};
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::network::{DeviceName, checkpoint, use_threads, weights_file};
 use crate::cli::output::Output;
@@ -238,10 +238,6 @@ fn real_pairs(folder: &Path, output: &Output) -> Result<Vec<Pair>, Failure> {
         output.warning(&format!("{} is left out: {reason}", path.display()));
     }
     Ok(found.pairs)
-}
-
-fn bytes_of_gb(gb: f64) -> usize {
-    (gb.max(0.0) * 1e9) as usize
 }
 
 /// Watcher that prints the progress of training.

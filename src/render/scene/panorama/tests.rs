@@ -225,9 +225,8 @@ fn a_map_of_a_wall_is_a_wall() {
         let sheet = sheet(side, &image, &depth).unwrap();
         assert!(sheet.valid.iter().all(|valid| *valid) && sheet.filled_share == 0.0);
         let off = sheet
-            .inverse_depth_per_m
-            .iter()
-            .fold(0f64, |off, &w| off.max((f64::from(w) * z_m - 1.0).abs()));
+            .inverse_depths_per_m()
+            .fold(0f64, |off, w| off.max((f64::from(w) * z_m - 1.0).abs()));
         assert!(off < 1e-4, "{side}: {off:e}");
         assert!((sheet.front_center_z_m / z_m - 1.0).abs() < 1e-4);
         // In its middle, the view has as many pixels per radian as the map.
@@ -241,7 +240,7 @@ fn holes_are_filled_and_counted_and_relative_depths_get_metres() {
     let sky = map(256, |d| if d.y < 0.0 { f64::NAN } else { 4.0 });
     let far = sheet(r#","depth":"d","fill":"far""#, &image, &sky).unwrap();
     assert!((far.filled_share - 0.5).abs() < 0.05, "{}", far.filled_share);
-    let farthest = far.inverse_depth_per_m.iter().copied().fold(1.0, f32::min);
+    let farthest = far.inverse_depths_per_m().fold(1.0, f32::min);
     assert!(1.0 / farthest < 4.01);
     let none = map(64, |_| -1.0);
     let error = sheet(r#","depth":"d""#, &image, &none).err().unwrap();
@@ -323,8 +322,8 @@ fn a_view_s_bits_are_pinned() {
     let side = r#","depth":"d","yaw_deg":33.3,"pitch_deg":-12.5"#;
     let sheet = sheet(side, &panorama(128), &depth).unwrap();
     let mut hasher = blake3::Hasher::new();
-    hasher.update(bytemuck::cast_slice(&sheet.inverse_depth_per_m));
-    hasher.update(bytemuck::cast_slice(&sheet.radiance));
+    hasher.update(bytemuck::cast_slice(&sheet.inverse_depths_per_m().collect::<Vec<_>>()));
+    hasher.update(bytemuck::cast_slice(&sheet.radiance().copied().collect::<Vec<_>>()));
     // Another digest means that every scene with a panorama has changed.
     assert_eq!(&hasher.finalize().to_hex()[..16], "89e3e93d7dd5ab83");
 }

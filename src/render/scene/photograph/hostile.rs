@@ -28,10 +28,14 @@ fn decode_everywhere(bytes: &[u8]) {
         match decode_photograph(&line, &files) {
             Ok(sheet) => {
                 let count = sheet.width * sheet.height;
-                assert_eq!((sheet.inverse_depth_per_m.len(), sheet.valid.len()), (count, count));
-                assert_eq!(sheet.radiance.len(), sheet.color_width * sheet.color_height);
-                assert!(sheet.inverse_depth_per_m.iter().all(|w| w.is_normal() && *w > 0.0));
-                assert!(sheet.max_radiance.is_finite() && sheet.front_center_z_m > 0.0);
+                assert_eq!(
+                    (sheet.inverse_depths_per_m().count(), sheet.valid.len()),
+                    (count, count)
+                );
+                let texels = sheet.texture.width() * sheet.texture.height();
+                assert_eq!(sheet.radiance().count(), texels);
+                assert!(sheet.inverse_depths_per_m().all(|w| w.is_normal() && w > 0.0));
+                assert!(sheet.texture.max_radiance().is_finite() && sheet.front_center_z_m > 0.0);
             }
             // A mask of zeros is a valid file but leaves no depth.
             Err(SceneError::NoDepth { .. }) => {}

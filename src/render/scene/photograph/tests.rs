@@ -17,6 +17,10 @@ fn line() -> Photograph {
     .unwrap()
 }
 
+fn inverse_depths(sheet: &Sheet) -> Vec<f32> {
+    sheet.inverse_depths_per_m().collect()
+}
+
 /// Returns a depth image of 4x2 pixels and a colour image of 2x1.
 fn files(depths: [f32; 8]) -> PhotographFiles {
     PhotographFiles {
@@ -35,10 +39,13 @@ fn sizes_may_differ_and_intrinsics_follow_the_depth() {
     let sheet =
         decode_photograph(&line, &files([2.0, 4.0, 8.0, 16.0, 2.0, 2.0, 2.0, 2.0])).unwrap();
     assert_eq!((sheet.width, sheet.height), (4, 2));
-    assert_eq!((sheet.color_width, sheet.color_height), (2, 1));
-    assert_eq!(sheet.inverse_depth_per_m, [1.0, 0.5, 0.25, 0.125, 1.0, 1.0, 1.0, 1.0]);
-    assert_eq!(sheet.radiance, [[0.0, 0.4, 0.8, 0.0], [2.0, 2.0, 2.0, 0.0]]);
-    assert_eq!((sheet.max_radiance, sheet.filled_share), (2.0, 0.0));
+    assert_eq!((sheet.texture.width(), sheet.texture.height()), (2, 1));
+    assert_eq!(inverse_depths(&sheet), [1.0, 0.5, 0.25, 0.125, 1.0, 1.0, 1.0, 1.0]);
+    assert_eq!(
+        sheet.radiance().copied().collect::<Vec<_>>(),
+        [[0.0, 0.4, 0.8, 0.0], [2.0, 2.0, 2.0, 0.0]]
+    );
+    assert_eq!((sheet.texture.max_radiance(), sheet.filled_share), (2.0, 0.0));
     let Intrinsics { fx, fy, cx, cy, size } = sheet.intrinsics;
     assert_eq!((fx, fy, cx, cy, size), (5.0, 2.5, 1.0, 0.25, None));
     assert_eq!(sheet.front_center_z_m, (2.0 + 4.0 + 1.0 + 1.0) / 4.0);
@@ -52,16 +59,16 @@ fn holes_come_from_depth_and_mask() {
     let mut line = line();
     line.fill = Fill::Far;
     let sheet = decode_photograph(&line, &files).unwrap();
-    assert_eq!(sheet.valid, [false, false, false, false, true, false, true, true]);
+    assert_eq!(*sheet.valid, [false, false, false, false, true, false, true, true]);
     assert_eq!(sheet.filled_share, 5.0 / 8.0);
-    assert_eq!(sheet.inverse_depth_per_m, [0.125, 0.125, 0.125, 0.125, 1.0, 0.125, 0.25, 0.125]);
+    assert_eq!(inverse_depths(&sheet), [0.125, 0.125, 0.125, 0.125, 1.0, 0.125, 0.25, 0.125]);
     // The centre pixels are (1,0) (2,0) (1,1) (2,1). Both (1,0) and (1,1) are as near to (0,1) as to (2,1): the left
     // pixel wins.
     assert_eq!(sheet.front_center_z_m, (1.0 + 4.0 + 1.0 + 4.0) / 4.0);
 
     line.fill = Fill::Smooth;
     let smooth = decode_photograph(&line, &files).unwrap();
-    assert!(smooth.inverse_depth_per_m.iter().all(|w| (0.125..=1.0).contains(w)));
+    assert!(smooth.inverse_depths_per_m().all(|w| (0.125..=1.0).contains(&w)));
     assert_eq!(smooth.front_center_z_m, sheet.front_center_z_m);
 }
 
@@ -112,7 +119,7 @@ fn images_of_one_row_or_column_are_decoded() {
         let mut files = files([1.0; 8]);
         files.depth = npy("<f4", false, shape, bytemuck::cast_slice(&depths));
         let sheet = decode_photograph(&line(), &files).unwrap();
-        assert!(sheet.inverse_depth_per_m.iter().all(|&w| w == 0.5), "{shape}");
+        assert!(sheet.inverse_depths_per_m().eq(vec![0.5; count]), "{shape}");
         assert_eq!(sheet.front_center_z_m, 2.0);
     }
 }
@@ -179,6 +186,6 @@ fn turned_depth_and_mask_become_upright() {
     let sheet = decode_photograph(&line(), &files).unwrap();
     assert_eq!((sheet.width, sheet.height), (2, 4));
     let first_rows = [1030.0f32, 1070.0, 1020.0, 1060.0].map(|z| 1.0 / z);
-    assert_eq!(sheet.inverse_depth_per_m[..4], first_rows);
-    assert_eq!(sheet.valid, [true, true, true, true, false, true, true, true]);
+    assert_eq!(inverse_depths(&sheet)[..4], first_rows);
+    assert_eq!(*sheet.valid, [true, true, true, true, false, true, true, true]);
 }

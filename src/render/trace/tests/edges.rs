@@ -60,8 +60,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         depth: named(depth),
         mask: None,
     };
-    let sheet = decode_photograph(&line, &files).unwrap();
-    Grid::new(sheet.width, sheet.height, sheet.inverse_depth_per_m)
+    Grid::clone(&decode_photograph(&line, &files).unwrap().grid)
 }
 
 /// Makes the sheet of a procedural photograph.
