@@ -42,6 +42,18 @@ fn instruction_sets_do_not_change_tuples() {
     assert!(compared > 0);
 }
 
+/// A cache that holds all photographs, and one that always drops some.
+#[test]
+fn cached_photographs_do_not_change_tuples() {
+    for (gigabytes, threads) in [("1", "2"), ("0.001", "1")] {
+        let place = place();
+        place.plan();
+        let options = ["--photographs-gb", gigabytes, "-j", threads];
+        run(&[&["work", text(&place.run)], &options[..]].concat()).expect(0);
+        assert_same(&tuples(&place.run), reference());
+    }
+}
+
 #[test]
 fn an_unfinished_run_can_be_moved() {
     let place = place();

@@ -20,4 +20,5 @@ mod similarity;
 #[path = "../support/mod.rs"]
 mod support;
 mod training;
+mod unet_training;
 mod yardstick;
