@@ -33,6 +33,9 @@ from pathlib import Path
 INTRINSICS = {"fx": 886.81, "fy": 927.06, "cx": 512.0, "cy": 384.0, "size": [1024, 768]}
 LAYERS = ["input", "transmission", "glass_reflection", "clean_reflection"]
 
+PANE = {"glass_m": 0.004, "ior": 1.52}
+COATING = {"face": 1, "reflectance": [0.12, 0.06, 0.16], "transmittance": [0.8, 0.86, 0.78]}
+
 # Name of each row, and the scene line's values that it changes, by dotted key.
 ROWS: list[tuple[str, dict]] = [
     ("plain", {}),
@@ -44,6 +47,9 @@ ROWS: list[tuple[str, dict]] = [
     ("apex `camera`", {"back.apex": "camera"}),
     ("filter `gaussian`", {"film.filter": "gaussian"}),
     ("pane of 40 mm", {"glass.thickness_m": 0.04}),
+    ("double pane, 4-16-4 mm", {"glass.layers": [PANE, {"gap_m": 0.016}, PANE]}),
+    ("double pane, tilt of 30 degrees", {"glass.layers": [PANE, {"gap_m": 0.016}, PANE], "glass.tilt_deg": [0, 30]}),
+    ("double pane, a coating of colour", {"glass.layers": [PANE, {"gap_m": 0.016}, PANE], "glass.coatings": [COATING]}),
     ("light of 16 times white, both sides", {"front.exposure": 16.0, "back.exposure": 16.0}),
     ("`order_tolerance` 0 (all orders, all samples)", {"film.order_tolerance": 0.0}),
     ("`layers`: T", {"film.layers": LAYERS[1:2]}),
@@ -135,6 +141,8 @@ def scene_line(folder: Path, color: list[str], changes: dict) -> dict:
         else:
             part, name = key.split(".")
             line[part][name] = value
+    if "layers" in line["glass"]:
+        del line["glass"]["thickness_m"], line["glass"]["ior"]
     return line
 
 

@@ -76,6 +76,8 @@ pub(super) fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
         tilt_deg: std::array::from_fn(|index| {
             each("glass.tilt_deg", index, &glass.tilt_deg[index])
         }),
+        layers: vec![],
+        coatings: vec![],
     }
 }
 

@@ -13,8 +13,9 @@ use rayon::prelude::*;
 use render::color::{SrgbEncoder, srgb_to_linear};
 use render::ids::SceneId;
 use render::layer::Layer;
-use render::line::SceneLine;
+use render::line::{Glass, SceneLine};
 use render::merge::{LayerRecord, NoiseMap, TupleRecord};
+use std::fmt::Write as _;
 
 /// Maximum number of tuples on the sheet.
 const SHOWN: usize = 32;
@@ -193,14 +194,30 @@ fn parameters(record: &TupleRecord) -> String {
     };
     let orders: Vec<&str> = record.facts.orders.iter().map(|o| o.order.as_str()).collect();
     format!(
-        "{} \u{b7} {} spp \u{b7} focus {focus} \u{b7} glass {} mm thick, ior {}, at {} m, {tilt} \u{b7} orders {}",
+        "{} \u{b7} {} spp \u{b7} focus {focus} \u{b7} glass {}, ior {}, at {} m, {tilt} \u{b7} orders {}",
         record.scene.split,
         record.scene.film.spp,
-        number(glass.thickness_m * 1e3),
+        layers(glass),
         number(glass.ior),
         number(glass.distance_m),
         orders.join(" "),
     )
+}
+
+/// Formats the thickness of a pane, or of each layer from the camera outwards, and the coated faces.
+fn layers(glass: &Glass) -> String {
+    let mm = |thickness_m: f64| number(thickness_m * 1e3);
+    let mut text = if glass.layers.is_empty() {
+        format!("{} mm thick", mm(glass.thickness_m))
+    } else {
+        let layers: Vec<String> =
+            glass.layers.iter().map(|layer| mm(layer.thickness_m())).collect();
+        format!("of layers of {} mm", layers.join("-"))
+    };
+    for coating in &glass.coatings {
+        let _ = write!(text, ", face {} coated", coating.face);
+    }
+    text
 }
 
 fn figure(tag: &Markup, symbol: &str, name: &str, numbers: Option<&Markup>) -> Markup {

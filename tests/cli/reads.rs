@@ -119,8 +119,17 @@ fn signals_and_time_limits_end_a_worker_whose_read_does_not_return() {
     fs::rename(&inputs, place.folder.path().join("stuck")).unwrap();
     std::os::unix::fs::symlink("../stuck", &inputs).unwrap();
     let folder = place.folder.path();
-    let limited = stuck(library, folder, &["work", "run", "--time-limit", "0.2"]);
-    ended(limited).expect(75).says(&["stopped during a read", "inputs"]);
+    // A busy machine can reach a short limit before the first read begins.
+    let is_stopped = |limit_s: &str| {
+        let limited = stuck(library, folder, &["work", "run", "--time-limit", limit_s]);
+        let ended = ended(limited).expect(75);
+        let is_stopped = ended.stderr.contains("stopped during a read");
+        if is_stopped {
+            ended.says(&["inputs"]);
+        }
+        is_stopped
+    };
+    assert!(["0.2", "2", "20"].into_iter().any(is_stopped));
     for (signal, code) in [("TERM", 143), ("INT", 130)] {
         let mut child = stuck(library, folder, &["work", "run", "--json"]).spawn().unwrap();
         let open_files = format!("/proc/{}/fd", child.id());

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 use render::layer::PerLayer;
 use render::trace::{
     FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, Sampling, Scene, Slab,
-    Texture, Tile, TileResult, View, trace_tile,
+    Stack, StackOptics, Texture, Tile, TileResult, View, trace_tile,
 };
 
 /// Indices of the layers.
@@ -91,6 +91,8 @@ pub(crate) struct Case {
     pub(crate) thickness_m: f64,
     pub(crate) ior: f64,
     pub(crate) absorption_per_m: [f64; 3],
+    /// Layers and coatings in place of thickness, index and absorption.
+    pub(crate) stack: Option<Stack>,
     pub(crate) tilt_deg: [f64; 2],
     pub(crate) apex: Apex,
     pub(crate) tolerance: f64,
@@ -112,6 +114,7 @@ impl Case {
             thickness_m: 0.01,
             ior: 1.6,
             absorption_per_m: [0.0; 3],
+            stack: None,
             tilt_deg: [0.0; 2],
             apex: Apex::Mirror,
             tolerance: 7.6e-5,
@@ -195,6 +198,17 @@ impl Case {
         };
         let back = self.back.view(pose, true);
         let radiance = [&front, &back].map(|view: &View| f64::from(view.texture.max_radiance()));
+        let cosines = self.cosines();
+        let (stack, orders) = match &self.stack {
+            None => (None, OrderPlan::new(&slab, &cosines, radiance, self.tolerance)),
+            Some(stack) => {
+                let between = [self.steepest_cos(), cosines.into_iter().fold(0.0, f64::max)];
+                // Between two directions of the grid, the cosine may be larger.
+                let between = [between[0], (between[1] + 1e-3).min(1.0)];
+                let (stack, orders) = StackOptics::new(stack, between, radiance, self.tolerance);
+                (Some(stack), orders)
+            }
+        };
         Scene {
             first_reflection_alone: false,
             target_error: None,
@@ -212,8 +226,9 @@ impl Case {
                 aperture_radius_m: self.aperture_m,
                 inverse_focus_per_m: 1.0 / self.focus_m,
             },
-            orders: OrderPlan::new(&slab, &self.cosines(), radiance, self.tolerance),
+            orders,
             slab,
+            stack,
             front: front.into(),
             back: back.into(),
         }

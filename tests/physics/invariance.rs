@@ -2,6 +2,7 @@
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::mesh::rooms;
+use crate::stack::{coated_double_pane, double_pane};
 use render::layer::{Layer, PerLayer};
 use render::trace::{Isa, PixelMeans, Scene, Tile, trace_tile};
 
@@ -24,7 +25,11 @@ fn cases() -> Vec<Case> {
     let mut absorbing = tilted.clone();
     absorbing.apex = Apex::Mirror;
     absorbing.focus_m = f64::INFINITY;
-    vec![case, tilted, absorbing]
+    let mut stacked = tilted.clone();
+    stacked.stack = Some(coated_double_pane());
+    let mut clear = case.clone();
+    clear.stack = Some(double_pane());
+    vec![case, tilted, absorbing, stacked, clear]
 }
 
 pub(crate) fn bits(pixels: &[PixelMeans]) -> Vec<u32> {

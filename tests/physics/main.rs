@@ -21,4 +21,5 @@ mod reference;
 mod sampler;
 mod slab;
 mod spot;
+mod stack;
 mod table;

@@ -2,6 +2,7 @@
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::reference::Reference;
+use crate::stack::{coated_double_pane, double_pane};
 use render::trace::Isa;
 
 /// Shape of the depth image.
@@ -138,6 +139,18 @@ fn thick_glass_matches_with_a_wide_lens_and_near_focus() {
     case.thickness_m = 0.1;
     case.focal_length_mm = 24.0;
     compare("noise and steps, 24 mm, thick glass, wide lens", &case);
+}
+
+#[test]
+fn double_panes_match_with_both_apexes() {
+    let mut case = case(Relief::Steps, Relief::Noise);
+    case.stack = Some(double_pane());
+    case.focal_length_mm = 35.0;
+    compare("steps and noise, mirror, double pane", &case);
+    case.tilt_deg = [-12.0, 20.0];
+    case.apex = Apex::Camera;
+    case.stack = Some(coated_double_pane());
+    compare("steps and noise, camera, tilt -12 20, coated double pane", &case);
 }
 
 #[test]

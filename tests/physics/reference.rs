@@ -3,7 +3,7 @@
 use crate::case::{Apex, Case, Photo};
 use crate::optics::Pane;
 use glam::{DMat3, DVec3};
-use render::trace::{FollowedOrder, Order, PixelSeed, Scene, sample};
+use render::trace::{FollowedOrder, Order, PixelSeed, Scene, Stack, StackOptics, sample};
 
 /// Length of the border's continuation, px.
 const BORDER_PX: f64 = 4000.0;
@@ -243,12 +243,49 @@ impl<'a> Reference<'a> {
     }
 
     fn behind_glass(&self, order: Order, origin: DVec3, d: DVec3) -> ([f64; 3], [f64; 3]) {
+        if let (Some(stack), Some(optics)) = (&self.case.stack, &self.scene.stack) {
+            return self.behind_stack((stack, optics), order, origin, d);
+        }
         let exit = self.pane.exit(origin, d, order);
         let radiance = match order {
             Order::Transmitted(_) => self.front.seen(exit.point, exit.direction),
             Order::Reflected(_) => self.seen_in_back(exit.point, exit.direction),
         };
         (radiance, exit.weight())
+    }
+
+    /// [`Self::behind_glass`] of a stack, by the closed forms in f64, which are compared with rays traced from face to face elsewhere.
+    fn behind_stack(
+        &self,
+        (stack, optics): (&Stack, &StackOptics),
+        order: Order,
+        origin: DVec3,
+        d: DVec3,
+    ) -> ([f64; 3], [f64; 3]) {
+        let (side, index) = match order {
+            Order::Transmitted(k) => (0, k as usize),
+            Order::Reflected(k) => (1, k as usize),
+        };
+        let (n, cos_i) = (self.pane.normal, d.dot(self.pane.normal));
+        let followed = optics.orders(side);
+        let weights = stack.weights(&[cos_i], 1e-12, 64);
+        let mut weight = weights[followed[index]][0];
+        if index + 1 == followed.len() {
+            // The last order has the light of those that are not followed.
+            let total = stack.totals(cos_i)[1 - side];
+            for c in 0..3 {
+                let others = &followed[..index];
+                weight[c] = total[c] - others.iter().map(|o| weights[*o][0][c]).sum::<f64>();
+            }
+        }
+        let start = origin + stack.kappa_m(followed[index], cos_i) * n;
+        let radiance = if side == 0 {
+            self.front.seen(start, d)
+        } else {
+            let start = start - 2.0 * (start.dot(n) - self.pane.distance_m) * n;
+            self.seen_in_back(start, d - 2.0 * cos_i * n)
+        };
+        (radiance, weight)
     }
 
     fn seen_in_back(&self, origin: DVec3, d: DVec3) -> [f64; 3] {

@@ -9,8 +9,8 @@ use render::shard::{ShardLayout, scene_digest};
 use render::trace::{Isa, TRACER_VERSION, trace_tile};
 use std::path::{Path, PathBuf};
 
-fn oracle() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/oracle/mitsuba");
+fn oracle(name: &str) -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/oracle").join(name);
     if folder.join("scene.json").is_file() {
         return Some(folder);
     }
@@ -52,12 +52,32 @@ fn rmse(image: &[[f32; 3]], reference: &[f64], width: usize) -> (f64, f64) {
 
 #[test]
 fn agrees_with_an_independent_renderer() {
-    let Some(folder) = oracle() else { return };
+    agrees("mitsuba");
+}
+
+/// A tilted double pane: its orders are merged, and no weak one reaches the tolerance by itself.
+#[test]
+fn a_double_pane_agrees() {
+    agrees("windows/double");
+}
+
+/// A tilted pane with a coating that outshines the front face, and absorbs.
+#[test]
+fn a_coated_pane_agrees() {
+    agrees("windows/coated");
+}
+
+/// Renders the scene of an oracle, and compares each layer with its reference.
+fn agrees(name: &str) {
+    let Some(folder) = oracle(name) else { return };
     let text = std::fs::read_to_string(folder.join("scene.json")).unwrap();
     let line = parse_scene(&text).unwrap();
     let files = read_files(&line, &Roots::default(), &folder).unwrap();
     let loaded = load(&line, &files).unwrap();
-    assert!((loaded.facts.focus_distance_m.unwrap() - 7.056411623954773).abs() < 1e-9);
+    let meta: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(folder.join("meta.json")).unwrap()).unwrap();
+    let focus_m = meta["focus_distance_m"].as_f64().unwrap();
+    assert!((loaded.facts.focus_distance_m.unwrap() - focus_m).abs() < 1e-6);
 
     let layout = ShardLayout::of(&line, 256);
     let partials: Vec<Partial> = layout
@@ -87,15 +107,14 @@ fn agrees_with_an_independent_renderer() {
         .collect();
     let tuple = combine(&line, 256, &partials).unwrap();
 
-    let meta: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(folder.join("meta.json")).unwrap()).unwrap();
     for (layer, pixels) in tuple.layers.iter() {
         let name = layer.name();
         let reference = reference(&folder.join(format!("ref_{name}.npy")));
         let (pixels, blocks) = rmse(pixels, &reference, line.film.width as usize);
         let limit = |key: &str| meta["layers"][name][key].as_f64().unwrap();
         println!(
-            "{name}: RMSE {pixels:.3e} (limit {:.1e}), 16x16 means {blocks:.3e} (limit {:.2e}), own estimate {:?}",
+            "{}, {name}: RMSE {pixels:.3e} (limit {:.1e}), 16x16 means {blocks:.3e} (limit {:.2e}), own estimate {:?}",
+            folder.display(),
             limit("threshold_rmse"),
             limit("threshold_block16"),
             tuple.record.layers[name].error_rms

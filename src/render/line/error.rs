@@ -33,6 +33,21 @@ pub enum LineError {
          must be +1; to scale the mesh, use unit_m"
     )]
     NoRotation { field: String },
+    /// A pane with more layers than a path can cross.
+    #[error("glass.layers has {found} layers, but at most {most} are allowed")]
+    Layers { found: usize, most: usize },
+    /// A coating on a face that the pane lacks.
+    #[error(
+        "glass.coatings[{index}].face is {face}, but the pane has the faces 0 to {last}, counted from the camera"
+    )]
+    NoFace { index: usize, face: u32, last: usize },
+    #[error(
+        "glass.coatings[{index}].face is {face}, like that of an earlier coating: keep one for each face"
+    )]
+    FaceTwice { index: usize, face: u32 },
+    /// A coating that makes light.
+    #[error("{field} plus the transmittance is {sum}, but must be at most 1")]
+    Light { field: String, sum: f64 },
 }
 
 /// Checks that `limit` contains `value`.

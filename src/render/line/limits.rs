@@ -84,7 +84,9 @@ fn row(key: &str) -> Option<Limit> {
         "depth_unit_m" | "unit_m" | "intrinsics.fx" | "intrinsics.fy" => ABOVE_0,
         "film.order_tolerance" | "camera.aperture_radius_m" | "camera.white_balance" => FROM_0,
         "glass.thickness_m" | "glass.absorption_per_m" | "exposure" | "illuminant" => FROM_0,
-        "glass.ior" => Limit::between(1.0, 10.0, "1 to 10"),
+        "layers.glass_m" | "layers.gap_m" | "layers.absorption_per_m" => FROM_0,
+        "glass.ior" | "layers.ior" => Limit::between(1.0, 10.0, "1 to 10"),
+        "coatings.reflectance" | "coatings.transmittance" => Limit::between(0.0, 1.0, "0 to 1"),
         "glass.tilt_deg" => BELOW_90_DEG,
         "auto_exposure.percentile" => PERCENTILE,
         "exposure_ev" => Limit::between(-30.0, 30.0, "-30 to 30 stops"),
@@ -102,13 +104,15 @@ fn row(key: &str) -> Option<Limit> {
 }
 
 /// Returns the limit of a number by its key in a scene line or recipe, such as `glass.tilt_deg[1]`, `front.exposure` or
-/// `sources.diode.intrinsics.fx`. Ignores an index, and uses the row of the longest suffix of `key` in the table.
+/// `sources.diode.intrinsics.fx`. Ignores indices, and uses the row of the longest suffix of `key` in the table.
 ///
 /// # Panics
 ///
 /// If the table has no row for `key`; every new number needs a row.
 pub fn limit_of(key: &str) -> Limit {
-    let mut end = key.split('[').next().unwrap_or(key);
+    let without_indices: String =
+        key.split('[').map(|part| part.split_once(']').map_or(part, |(_, rest)| rest)).collect();
+    let mut end = without_indices.as_str();
     loop {
         if let Some(limit) = row(end) {
             return limit;

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! scene_line -> side -> photograph, panorama -> image, highlights, depth_range   the line's types
+//! glass        the pane, its layers and coatings
 //! layers       images to render               side_json, jsonl   sides and manifests as text
 //! roots        resolution of paths            validate, limits   checks of each field
 //! ```
@@ -23,6 +24,7 @@
 
 mod depth_range;
 mod error;
+mod glass;
 mod highlights;
 mod image;
 mod jsonl;
@@ -40,6 +42,7 @@ mod validate;
 
 pub use depth_range::DepthRange;
 pub use error::LineError;
+pub use glass::{FaceCoating, Glass, GlassLayer};
 pub use highlights::Highlights;
 pub use image::{Apex, DepthKind, Fill, Intrinsics, Orientation, Transfer, one};
 pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};

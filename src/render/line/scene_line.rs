@@ -1,5 +1,6 @@
 //! `glasshouse.scene/1`: one scene of a manifest with all parameters resolved.
 
+use super::glass::Glass;
 use super::image::{is_default, is_one, is_white, one, white};
 use super::layers::LayerSet;
 use super::side::Side;
@@ -193,22 +194,4 @@ pub enum FocusAt {
     /// Mean z of the four centre pixels of the back depth image, mirrored in the pane; for a mesh, as for the front.
     BackCenter,
     Infinity,
-}
-
-/// The plane-parallel pane.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Glass {
-    /// Distance of the front face from the lens along the optical axis.
-    pub distance_m: f64,
-    /// Thickness; 0 is allowed.
-    pub thickness_m: f64,
-    /// Index of refraction against air, at least 1.
-    pub ior: f64,
-    /// Absorption coefficient of red, green and blue, per metre of path in the glass.
-    #[serde(default)]
-    pub absorption_per_m: [f64; 3],
-    /// `[pitch, yaw]`: rotation about +x, then +y, right-handed; pivot (0, 0, distance_m).
-    #[serde(default)]
-    pub tilt_deg: [f64; 2],
 }

@@ -2,6 +2,7 @@
 
 use super::depth_range;
 use super::error::{LineError, within};
+use super::glass::{Glass, GlassLayer};
 use super::limits;
 use super::panorama::{PanoramaDepth, PanoramaFile};
 use super::photograph::Photograph;
@@ -52,6 +53,8 @@ impl SceneLine {
                 ("tilt_deg", &glass.tilt_deg),
             ],
         )?;
+        layers(glass)?;
+        coatings(glass)?;
         side("front", &self.front)?;
         side("back", &self.back)?;
         if self.front.apex().is_some() {
@@ -59,6 +62,55 @@ impl SceneLine {
         }
         Ok(())
     }
+}
+
+/// Largest number of layers of a pane.
+const MAX_LAYERS: usize = 16;
+
+fn layers(glass: &Glass) -> Result<(), LineError> {
+    let found = glass.layers.len();
+    if found > MAX_LAYERS {
+        return Err(LineError::Layers { found, most: MAX_LAYERS });
+    }
+    for (index, layer) in glass.layers.iter().enumerate() {
+        let section = format!("glass.layers[{index}]");
+        match layer {
+            GlassLayer::Gap { gap_m } => all_within(&section, &[("gap_m", &[*gap_m])])?,
+            GlassLayer::Glass { glass_m, ior, absorption_per_m } => all_within(
+                &section,
+                &[
+                    ("glass_m", &[*glass_m]),
+                    ("ior", &[*ior]),
+                    ("absorption_per_m", absorption_per_m),
+                ],
+            )?,
+        }
+    }
+    Ok(())
+}
+
+fn coatings(glass: &Glass) -> Result<(), LineError> {
+    let last = glass.layers.len().max(1);
+    for (index, coating) in glass.coatings.iter().enumerate() {
+        let face = coating.face;
+        if face as usize > last {
+            return Err(LineError::NoFace { index, face, last });
+        }
+        if glass.coatings[..index].iter().any(|other| other.face == face) {
+            return Err(LineError::FaceTwice { index, face });
+        }
+        let section = format!("glass.coatings[{index}]");
+        let (reflectance, transmittance) = (&coating.reflectance, &coating.transmittance);
+        all_within(&section, &[("reflectance", reflectance), ("transmittance", transmittance)])?;
+        for c in 0..3 {
+            let sum = reflectance[c] + transmittance[c];
+            // Decimal fractions that add up to 1 may exceed it by their rounding.
+            if sum > 1.0 + 1e-9 {
+                return Err(LineError::Light { field: format!("{section}.reflectance[{c}]"), sum });
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Checks the paths and numbers of one side. Errors call the side `name`.

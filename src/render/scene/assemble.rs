@@ -5,12 +5,14 @@ use super::check_geometry::check_geometry;
 use super::error::AssembleError;
 use super::facts::{SceneFacts, Sides, SidesWith, order_facts};
 use super::far::far_median_m;
-use super::geometry::{BackCamera, film_directions, film_plane, film_reach, slab};
+use super::geometry::{
+    BackCamera, cosines_between, film_directions, film_plane, film_reach, slab, stack,
+};
 use super::near::Near;
 use super::place::{Decoded, Placed};
 use super::surface::{back_surface, front_surface};
 use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine};
-use crate::trace::{Lens, OrderPlan, Sampling, Scene};
+use crate::trace::{Lens, OrderPlan, Sampling, Scene, StackOptics};
 use glam::DVec3;
 
 /// Places the sides, focuses the lens, checks the geometry and selects the orders of the glass.
@@ -47,7 +49,15 @@ fn assemble_sides(
     let directions = film_directions(reach);
     let cosines: Vec<f64> = directions.iter().map(|d| d.normalize().dot(slab.normal)).collect();
     let brightest = [max_radiance.front, max_radiance.back];
-    let orders = OrderPlan::new(&slab, &cosines, brightest, line.film.order_tolerance);
+    let tolerance = line.film.order_tolerance;
+    let (stack, orders) = match stack(line) {
+        None => (None, OrderPlan::new(&slab, &cosines, brightest, tolerance)),
+        Some(stack) => {
+            let between = cosines_between(&cosines, reach);
+            let (stack, orders) = StackOptics::new(&stack, between, brightest, tolerance);
+            (Some(stack), orders)
+        }
+    };
 
     let near = Near { slab: &slab, distance_m: line.glass.distance_m, reach };
     let too_near_share = Sides {
@@ -82,6 +92,7 @@ fn assemble_sides(
         film,
         lens,
         slab,
+        stack,
         orders,
         front,
         back,

@@ -1,7 +1,7 @@
 //! Pane, film and back capture camera of a scene line in the lens's coordinates.
 
-use crate::line::{Apex, Filter, SceneLine};
-use crate::trace::{FilmPlane, FilterTable, Lens, Slab};
+use crate::line::{Apex, Filter, GlassLayer, SceneLine};
+use crate::trace::{Coating, FilmPlane, FilterTable, Lens, Slab, Stack, StackLayer};
 use glam::{DMat3, DVec3};
 
 /// Returns the pane of a line.
@@ -18,6 +18,45 @@ pub(super) fn slab(line: &SceneLine) -> Slab {
         ior: line.glass.ior,
         absorption_per_m: line.glass.absorption_per_m,
     }
+}
+
+/// Returns the layers of a line's pane, if it is no plain one: if it has several, or coatings.
+pub(super) fn stack(line: &SceneLine) -> Option<Stack> {
+    let glass = &line.glass;
+    if glass.layers.is_empty() && glass.coatings.is_empty() {
+        return None;
+    }
+    let one = [GlassLayer::Glass {
+        glass_m: glass.thickness_m,
+        ior: glass.ior,
+        absorption_per_m: glass.absorption_per_m,
+    }];
+    let of = if glass.layers.is_empty() { one.as_slice() } else { &glass.layers };
+    let layer = |layer: &GlassLayer| match *layer {
+        GlassLayer::Glass { glass_m, ior, absorption_per_m } => {
+            StackLayer { thickness_m: glass_m, ior, absorption_per_m }
+        }
+        GlassLayer::Gap { gap_m } => {
+            StackLayer { thickness_m: gap_m, ior: 1.0, absorption_per_m: [0.0; 3] }
+        }
+    };
+    let mut coatings = vec![None; of.len() + 1];
+    for coating in &glass.coatings {
+        let shares =
+            Coating { reflectance: coating.reflectance, transmittance: coating.transmittance };
+        coatings[coating.face as usize] = Some(shares);
+    }
+    Some(Stack::new(of.iter().map(layer).collect(), coatings))
+}
+
+/// Returns the interval of the cosines of incidence of rays that cover the film's `reach`, from the
+/// cosines of [`film_directions`].
+pub(super) fn cosines_between(cosines: &[f64], reach: [f64; 2]) -> [f64; 2] {
+    let least = cosines.iter().copied().fold(1.0, f64::min);
+    let most = cosines.iter().copied().fold(0.0, f64::max);
+    // The least is at a corner. At the most, the cosine is flat, and the nearest direction is half a step of the grid away.
+    let [x, y] = reach.map(|reach| reach / f64::from(FILM_STEPS));
+    [least, (most + x * x + y * y).min(1.0)]
 }
 
 /// Returns the film of a line.
@@ -58,12 +97,16 @@ pub(super) fn film_reach(film: &FilmPlane, lens: &Lens) -> [f64; 2] {
     [0, 1].map(|k| film.tan_half_fov[k] + beyond * pixel[k] + spread)
 }
 
+/// Number of steps of [`film_directions`] across and down.
+const FILM_STEPS: u32 = 32;
+
 /// Returns a dense set of camera directions: a grid over the film's reach.
 pub(super) fn film_directions(reach: [f64; 2]) -> Vec<DVec3> {
-    const STEPS: u32 = 32;
-    let at = |i: u32| 2.0 * f64::from(i) / f64::from(STEPS) - 1.0;
-    (0..=STEPS)
-        .flat_map(|j| (0..=STEPS).map(move |i| DVec3::new(at(i) * reach[0], at(j) * reach[1], 1.0)))
+    let at = |i: u32| 2.0 * f64::from(i) / f64::from(FILM_STEPS) - 1.0;
+    (0..=FILM_STEPS)
+        .flat_map(|j| {
+            (0..=FILM_STEPS).map(move |i| DVec3::new(at(i) * reach[0], at(j) * reach[1], 1.0))
+        })
         .collect()
 }
 

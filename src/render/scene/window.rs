@@ -5,9 +5,9 @@
 //! the nearest surface to infinity, and its image is monotone in between. The two ends of the outermost lines therefore
 //! bound all points that a ray can hit.
 
-use super::geometry::{BackCamera, film_directions, film_plane, film_reach, slab};
+use super::geometry::{BackCamera, film_directions, film_plane, film_reach, slab, stack};
 use crate::line::{Focus, FocusAt, SceneLine};
-use crate::trace::{Lens, Order, Slab};
+use crate::trace::{Lens, Order, Slab, Stack};
 use glam::{DMat3, DVec3};
 
 /// Largest number of round trips inside the glass to consider. The light of further round trips is negligible.
@@ -25,6 +25,7 @@ pub(super) struct Sight {
     /// Directions of the camera's rays over film and lens.
     directions: Vec<DVec3>,
     slab: Slab,
+    stack: Option<Stack>,
     aperture_radius_m: f64,
     /// Orthogonal matrix from the lens's coordinates (for the back, of the mirrored world) to the capture camera's.
     rotation: DMat3,
@@ -68,10 +69,25 @@ impl Sight {
             directions: film_directions(film_reach(&film, &lens)),
             translation_m,
             slab,
+            stack: stack(line),
             aperture_radius_m,
             rotation,
             order,
             pane_m: line.glass.distance_m,
+        }
+    }
+
+    /// Returns the shift along the normal of light after some round trips through the whole pane, m.
+    fn shift_m(&self, round_trips: u32, cos_i: f64) -> f64 {
+        let order = (self.order)(round_trips);
+        let Some(stack) = &self.stack else {
+            return self.slab.kappa_m(order, self.slab.gamma(cos_i));
+        };
+        let straight_m = stack.kappa_m(&stack.straight(), cos_i);
+        let passage_m = stack.thickness_m() - straight_m;
+        match order {
+            Order::Transmitted(k) => straight_m - 2.0 * f64::from(k) * passage_m,
+            Order::Reflected(k) => -2.0 * f64::from(k) * passage_m,
         }
     }
 
@@ -94,11 +110,11 @@ impl Sight {
         for d in &self.directions {
             let d = d.normalize();
             // `check_geometry` refuses panes with a normal at more than 85 degrees to a ray.
-            let gamma = self.slab.gamma(d.dot(self.slab.normal).abs().max(1e-3));
+            let cos_i = d.dot(self.slab.normal).abs().max(1e-3);
             let direction = self.rotation * d;
             include(direction);
-            for order in [0, ROUND_TRIPS] {
-                let shift = self.slab.normal * self.slab.kappa_m((self.order)(order), gamma);
+            for round_trips in [0, ROUND_TRIPS] {
+                let shift = self.slab.normal * self.shift_m(round_trips, cos_i);
                 for [x, y] in lens_points {
                     let start = DVec3::new(x, y, 0.0) + shift;
                     let start = self.rotation * start + self.translation_m;

@@ -127,6 +127,7 @@ impl Parameters {
             },
             orders: OrderPlan::new(&slab, &cosines, radiance, self.order_tolerance),
             slab,
+            stack: None,
             front: front.into(),
             back: back.into(),
         }

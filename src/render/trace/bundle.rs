@@ -18,7 +18,7 @@ use super::walk::{Group, Lines, Walkers, walk_bundle};
 pub(super) struct Bundle<'a> {
     pub(super) patch: &'a Patch,
     pub(super) camera: &'a CameraChunk,
-    pub(super) path: Path,
+    pub(super) path: Path<'a>,
     /// Number of the path in the scene.
     pub(super) number: usize,
     /// Number of samples that each pixel of the patch takes along this path, in all chunks.
@@ -153,6 +153,9 @@ impl BundleRays {
     #[inline(always)]
     fn weigh(&mut self, scene: &Scene, bundle: &Bundle, order: Order) -> Factors {
         let (slab, camera, hits) = (&scene.slab, bundle.camera, &mut *self.hits);
+        if let (Path::Stack(table), Some(stack)) = (bundle.path, &scene.stack) {
+            return hits.weigh(table, camera, bundle.ends[2], stack.is_coloured());
+        }
         let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
         let absorbs = slab.absorbs_in(order);
         for s in 0..bundle.ends[2] {

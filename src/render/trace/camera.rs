@@ -4,6 +4,7 @@ use super::lanes::{LANES, Lane, sin_cos_octant};
 use super::patch::Patch;
 use super::sampler::points;
 use super::scene::Scene;
+use super::stack::StackOptics;
 
 /// Largest number of samples of each pixel that are traced together. Four f32 accumulators sum them (see [`super::fetch`]).
 pub(super) const CHUNK: usize = 16;
@@ -23,6 +24,10 @@ pub(super) struct CameraChunk {
     pub(super) transmittance: [[Lane; CHUNK]; 2],
     /// Values of 1 / cos_t; filled only if the glass absorbs light.
     pub(super) inverse_cos_t: [Lane; CHUNK],
+    /// Cells of the tables of a stack (see [`super::stack`]); filled in place of the values above, like the positions.
+    pub(super) cell: [[u32; LANES]; CHUNK],
+    /// Positions in these cells.
+    pub(super) within: [Lane; CHUNK],
 }
 
 impl CameraChunk {
@@ -37,6 +42,8 @@ impl CameraChunk {
             reflectance: pair,
             transmittance: pair,
             inverse_cos_t: lanes,
+            cell: [[0; LANES]; CHUNK],
+            within: lanes,
         })
     }
 
@@ -80,7 +87,26 @@ impl CameraChunk {
                 }
             }
         }
-        self.fill_glass(scene, patch, count);
+        match &scene.stack {
+            None => self.fill_glass(scene, patch, count),
+            Some(stack) => self.fill_stack(scene, stack, patch, count),
+        }
+    }
+
+    /// Locates the rays' cosines of incidence in the tables of a stack.
+    #[inline(always)]
+    fn fill_stack(&mut self, scene: &Scene, stack: &StackOptics, patch: &Patch, count: usize) {
+        let normal = scene.slab.normal.as_vec3();
+        for s in 0..count {
+            let mut cosines = [0.0; LANES];
+            for l in 0..LANES {
+                let dx = patch.center[0][l] + self.direction[0][s][l];
+                let dy = patch.center[1][l] + self.direction[1][s][l];
+                let along = dx * normal.x + dy * normal.y + normal.z;
+                cosines[l] = along / (1.0 + (dx * dx + dy * dy)).sqrt();
+            }
+            (self.cell[s], self.within[s]) = stack.locate(&cosines);
+        }
     }
 
     #[inline(always)]

@@ -60,7 +60,7 @@ pub use probe::{BundleProbe, ProbeRay, WalkCount, sample_patch};
 pub use sampler::{BLOCK, PixelSeed, sample};
 pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, Surface, View};
 pub use slab::{Order, Slab};
-pub use stack::{Coating, Exit, Stack, StackLayer, StackOrder};
+pub use stack::{Coating, Exit, Stack, StackLayer, StackOptics, StackOrder, StackTable};
 pub use texture::Texture;
 pub use tile::{Isa, Tile, TileResult, trace_tile};
 

@@ -47,7 +47,9 @@ pub(super) struct Area {
     pub(super) center: [f64; 2],
     /// Half the width and half the height of the area that the film points cover, tangents.
     pub(super) half_width: [f64; 2],
-    /// Interval that contains gamma (see [`super::slab`]) of all samples.
+    /// Interval that contains the cosines of incidence of all samples.
+    pub(super) cos_i: [f64; 2],
+    /// The same of gamma (see [`super::slab`]).
     pub(super) gamma: [f64; 2],
 }
 
@@ -70,6 +72,7 @@ impl Area {
         let sin = (1.0 - cos * cos).sqrt();
         let lo = (cos * (1.0 - 0.5 * reach * reach) - sin * reach).clamp(1.0e-4, 1.0);
         let hi = (cos + sin * reach).clamp(lo, 1.0);
-        Self { center, half_width, gamma: [scene.slab.gamma(lo), scene.slab.gamma(hi)] }
+        let gamma = [scene.slab.gamma(lo), scene.slab.gamma(hi)];
+        Self { center, half_width, cos_i: [lo, hi], gamma }
     }
 }

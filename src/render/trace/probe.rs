@@ -6,7 +6,7 @@
 use super::camera::{CHUNK, CameraChunk};
 use super::closed::closed_view;
 use super::lanes::{LANES, Lane};
-use super::lines::{LineMaker, Path, ViewLanes, span_of_area, span_of_lines};
+use super::lines::{LineMaker, Path, ViewLanes, path_of, span_of_area, span_of_lines};
 use super::patch::{Area, PATCH_PX, Patch};
 use super::sampler::{PixelSeed, SeedLanes, points};
 use super::scene::{Pose, Sampling, Scene, Surface, View};
@@ -18,7 +18,7 @@ use super::walk::{GridLanes, Group, Lines, Span, Walkers, walk_bundle};
 pub struct BundleProbe<'a> {
     scene: &'a Scene,
     view: &'a View,
-    path: Path,
+    path: Path<'a>,
     bundles: Vec<Bundle>,
 }
 
@@ -110,10 +110,18 @@ impl<'a> BundleProbe<'a> {
         let Surface::Sheet(view) = surface else {
             return None;
         };
-        let path = order.map_or(Path::Pinhole, |order| {
-            let constant = scene.slab.kappa_m(order, 0.0);
-            Path::Lens { constant, slope: scene.slab.kappa_m(order, 1.0) - constant }
-        });
+        let path = match order {
+            None => Path::Pinhole,
+            Some(order) => {
+                let followed = scene.orders.front.iter().chain(&scene.orders.back);
+                let of_side = followed.filter(|f| {
+                    matches!(f.order, Order::Transmitted(_))
+                        == matches!(order, Order::Transmitted(_))
+                });
+                let index = of_side.map(|f| f.order).position(|of_side| of_side == order);
+                path_of(scene, order, index.unwrap_or(0))
+            }
+        };
         if order.is_none() && closed_view(scene).is_some() {
             return None;
         }

@@ -17,6 +17,7 @@
 //! has crossed the same lengths is one state, so the number of states grows with a power of the number of reflections, not exponentially.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 /// Femtometres per metre.
 const FM_PER_M: f64 = 1.0e15;
@@ -100,53 +101,86 @@ impl Stack {
         StackOrder { exit: Exit::Transmitted, lengths_fm }
     }
 
-    /// Returns the shift of an order's line along the normal at cosine of incidence `cos_i` in (0, 1], m.
-    pub fn kappa_m(&self, order: &StackOrder, cos_i: f64) -> f64 {
-        let lengths = order.lengths_fm.iter().zip(&self.media);
-        let crossed: f64 =
-            lengths.map(|(&fm, &ior)| fm as f64 / FM_PER_M * gamma(ior, cos_i)).sum();
-        match order.exit {
-            Exit::Transmitted => self.thickness_m() - crossed,
-            Exit::Reflected => -crossed,
-        }
+    /// Returns the lengths of each medium that light of an order crosses: pairs of index and length, m.
+    pub fn crossed(&self, order: &StackOrder) -> Vec<(f64, f64)> {
+        let lengths = self.media.iter().zip(&order.lengths_fm);
+        lengths.map(|(&ior, &fm)| (ior, fm as f64 / FM_PER_M)).collect()
     }
 
-    /// Computes the weights of all orders for unpolarised light, for each colour, at cosine of incidence `cos_i` in (0, 1].
-    /// Drops states with less than the share `least` of the incident light, and paths that cross more than `most` layers.
-    pub fn weights(&self, cos_i: f64, least: f64, most: usize) -> BTreeMap<StackOrder, [f64; 3]> {
-        let faces = self.faces(cos_i);
-        let tau = self.tau(cos_i);
-        let mut left = BTreeMap::new();
-        let mut exit = |exit: Exit, lengths_fm: &[i64], power: &Power| {
-            let order = StackOrder { exit, lengths_fm: lengths_fm.to_vec() };
-            let sum: &mut [f64; 3] = left.entry(order).or_default();
-            (0..3).for_each(|c| sum[c] += 0.5 * (power[0][c] + power[1][c]));
+    /// True if colours differ: glass that absorbs, or a coating with different shares.
+    pub fn is_coloured(&self) -> bool {
+        let differs = |of: &[f64; 3]| of[0] != of[1] || of[1] != of[2];
+        let of_coating = |c: &Coating| differs(&c.reflectance) || differs(&c.transmittance);
+        self.layers.iter().any(|layer| differs(&layer.absorption_per_m))
+            || self.coatings.iter().flatten().any(of_coating)
+    }
+
+    /// Returns the shift of an order's line along the normal at cosine of incidence `cos_i` in (0, 1], m.
+    pub fn kappa_m(&self, order: &StackOrder, cos_i: f64) -> f64 {
+        let thickness_m = match order.exit {
+            Exit::Transmitted => self.thickness_m(),
+            Exit::Reflected => 0.0,
         };
-        let mut states: BTreeMap<State, Power> = BTreeMap::new();
-        states.insert((0, true, vec![0; self.media.len()]), [[1.0; 3]; 2]);
+        shift_m(thickness_m, &self.crossed(order), cos_i)
+    }
+
+    /// Computes the weights of all orders for unpolarised light, for each colour, at each of `cosines` of incidence, in
+    /// (0, 1]. Drops states that have less than the share `least` of the incident light at all cosines, and paths that cross more
+    /// than `most` layers.
+    pub fn weights(
+        &self,
+        cosines: &[f64],
+        least: f64,
+        most: usize,
+    ) -> BTreeMap<StackOrder, Vec<[f64; 3]>> {
+        let optics: Vec<_> = cosines.iter().map(|&c| (self.faces(c), self.tau(c))).collect();
+        let mut left = BTreeMap::new();
+        let mut exit = |exit: Exit, lengths_fm: &[i64], powers: &[Power]| {
+            let order = StackOrder { exit, lengths_fm: lengths_fm.to_vec() };
+            let sums: &mut Vec<[f64; 3]> =
+                left.entry(order).or_insert_with(|| vec![[0.0; 3]; cosines.len()]);
+            for (sum, power) in sums.iter_mut().zip(powers) {
+                (0..3).for_each(|c| sum[c] += 0.5 * (power[0][c] + power[1][c]));
+            }
+        };
+        let mut states: BTreeMap<State, Vec<Power>> = BTreeMap::new();
+        states.insert((0, true, vec![0; self.media.len()]), vec![[[1.0; 3]; 2]; cosines.len()]);
         for _ in 0..=most {
-            let mut next: BTreeMap<State, Power> = BTreeMap::new();
-            for ((face, inward, lengths_fm), power) in states {
-                let parts = [(inward, faces[face].1), (!inward, faces[face].0)];
-                for (inward, share) in parts {
-                    let mut power = product(&power, &share);
-                    if power.as_flattened().iter().all(|p| *p < least) {
+            let mut next: BTreeMap<State, Vec<Power>> = BTreeMap::new();
+            for ((face, inward, lengths_fm), before) in states {
+                for reflected in [false, true] {
+                    let share = |faces: &[(Power, Power)]| {
+                        if reflected { faces[face].0 } else { faces[face].1 }
+                    };
+                    let of =
+                        |(power, (faces, _)): (&Power, &(Vec<_>, _))| product(power, &share(faces));
+                    let mut powers: Vec<Power> = before.iter().zip(&optics).map(of).collect();
+                    if powers.as_flattened().as_flattened().iter().all(|p| *p < least) {
                         continue;
                     }
+                    let inward = inward != reflected;
                     if face == 0 && !inward {
-                        exit(Exit::Reflected, &lengths_fm, &power);
+                        exit(Exit::Reflected, &lengths_fm, &powers);
                     } else if face == self.layers.len() && inward {
-                        exit(Exit::Transmitted, &lengths_fm, &power);
+                        exit(Exit::Transmitted, &lengths_fm, &powers);
                     } else {
                         // The layer that the light enters, and the face at its other end.
                         let (layer, end) =
                             if inward { (face, face + 1) } else { (face - 1, face - 1) };
-                        power = product(&power, &[tau[layer]; 2]);
+                        for (power, (_, tau)) in powers.iter_mut().zip(&optics) {
+                            *power = product(power, &[tau[layer]; 2]);
+                        }
                         let mut lengths_fm = lengths_fm.clone();
                         self.cross(&self.layers[layer], &mut lengths_fm);
-                        let sum = next.entry((end, inward, lengths_fm)).or_insert([[0.0; 3]; 2]);
-                        for q in 0..2 {
-                            (0..3).for_each(|c| sum[q][c] += power[q][c]);
+                        match next.entry((end, inward, lengths_fm)) {
+                            Entry::Vacant(entry) => {
+                                entry.insert(powers);
+                            }
+                            Entry::Occupied(mut entry) => {
+                                let sums = entry.get_mut().as_flattened_mut().as_flattened_mut();
+                                let powers = powers.as_flattened().as_flattened();
+                                sums.iter_mut().zip(powers).for_each(|(sum, power)| *sum += power);
+                            }
                         }
                     }
                 }
@@ -204,6 +238,12 @@ impl Stack {
     }
 }
 
+/// Returns the shift of the line of light that crosses the lengths `crossed_m` of media (pairs of index and length), m.
+/// `thickness_m` is that of all layers for transmitted, and 0 for reflected light.
+pub(super) fn shift_m(thickness_m: f64, crossed: &[(f64, f64)], cos_i: f64) -> f64 {
+    thickness_m - crossed.iter().map(|(ior, length_m)| length_m * gamma(*ior, cos_i)).sum::<f64>()
+}
+
 /// Returns n cos of the ray's angle in a medium of index n.
 fn depth_part(ior: f64, cos_i: f64) -> f64 {
     (ior * ior - 1.0 + cos_i * cos_i).sqrt()
@@ -236,6 +276,10 @@ fn fresnel([before, behind]: [f64; 2], cos_i: f64) -> (Power, Power) {
 fn product(a: &Power, b: &Power) -> Power {
     [0, 1].map(|q| [0, 1, 2].map(|c| a[q][c] * b[q][c]))
 }
+
+mod table;
+
+pub use table::{StackOptics, StackTable};
 
 #[cfg(test)]
 mod tests;

@@ -18,7 +18,7 @@
 use super::bundle::{Bundle, BundleRays, Feeds};
 use super::camera::{CHUNK, CameraChunk};
 use super::lanes::LANES;
-use super::lines::{Path, ViewLanes};
+use super::lines::{Path, ViewLanes, path_of};
 use super::means::{
     Components, LaneSums, Means, NO_SUMS, NOTHING, Wanted, add_means_of, ends_in_block,
 };
@@ -174,15 +174,10 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
                 Order::Transmitted(0) if wanted.bare => Feeds::Bare,
                 _ => Feeds::Order,
             };
-            let path = (self.path(followed), Some(followed.order), feeds);
+            let index = k.checked_sub(of_front).unwrap_or(k);
+            let path = (path_of(self.scene, followed.order, index), Some(followed.order), feeds);
             self.follow(place, path, sums, of_block * blocks, ends);
         }
-    }
-
-    /// Returns the path of an order; its shift is a linear function of gamma.
-    fn path(&self, followed: &FollowedOrder) -> Path {
-        let constant = self.scene.slab.kappa_m(followed.order, 0.0);
-        Path::Lens { constant, slope: self.scene.slab.kappa_m(followed.order, 1.0) - constant }
     }
 
     /// Traces the current chunk along one order (or R's pinhole path), and adds its radiance to the sums with index `sums`. A
@@ -191,7 +186,7 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
     fn follow(
         &mut self,
         place: &Place,
-        (path, order, feeds): (Path, Option<Order>, Feeds),
+        (path, order, feeds): (Path<'_>, Option<Order>, Feeds),
         sums: usize,
         samples: u32,
         ends: [usize; 3],

@@ -1,7 +1,7 @@
 //! Traces a bundle of one order against a mesh, with the same weights as against a grid.
 
 use super::super::bundle::Bundle;
-use super::super::camera::{CHUNK, CameraChunk};
+use super::super::camera::CHUNK;
 use super::super::lanes::LANES;
 use super::super::lines::{Path, points};
 use super::super::means::LaneSums;
@@ -62,7 +62,7 @@ fn follow_lanes(
     let &Bundle { patch, camera, path, order, ends: [quarter, half, count], .. } = bundle;
     let normal = scene.slab.normal.as_vec3().to_array();
     let relative = match path {
-        Path::Lens { .. } => &camera.direction,
+        Path::Lens { .. } | Path::Stack(_) => &camera.direction,
         Path::Pinhole => &camera.film,
     };
     // The rays of one pixel lie closer together than those of sixteen, so that they meet fewer boxes. A pixel with sixteen
@@ -88,7 +88,7 @@ fn follow_lanes(
     let mut misses = [0; LANES];
     for s in 0..count {
         let weight =
-            order.map_or([[1.0; LANES]; 3], |order| colour_weights(scene, camera, order, s));
+            order.map_or([[1.0; LANES]; 3], |order| colour_weights(scene, bundle, order, s));
         let part = usize::from(s >= quarter) + usize::from(s >= half);
         for l in 0..LANES {
             let (group, lane) = place(s, l);
@@ -109,10 +109,14 @@ fn follow_lanes(
 #[inline(always)]
 fn colour_weights(
     scene: &Scene,
-    camera: &CameraChunk,
+    &Bundle { camera, path, .. }: &Bundle,
     order: Order,
     s: usize,
 ) -> [[f32; LANES]; 3] {
+    if let Path::Stack(table) = path {
+        let colours: [[f32; 3]; LANES] = std::array::from_fn(|l| table.colours(camera, s, l));
+        return [0, 1, 2].map(|c| colours.map(|colour| colour[c]));
+    }
     let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
     let weight = weights(order, [&rs[s], &rp[s]], [&ts[s], &tp[s]]);
     let slab = &scene.slab;

@@ -1,0 +1,209 @@
+//! The pane of a scene line: one layer of glass, or several layers of glass and gaps, with coatings.
+
+use serde::{Deserialize, Serialize};
+
+/// The plane-parallel pane.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "GlassKeys", into = "GlassKeys")]
+pub struct Glass {
+    /// Distance of the front face from the lens along the optical axis.
+    pub distance_m: f64,
+    /// Thickness; 0 is allowed. With `layers`, their sum.
+    pub thickness_m: f64,
+    /// Index of refraction against air, at least 1. With `layers`, that of the first glass.
+    pub ior: f64,
+    /// Absorption coefficient of red, green and blue, per metre of path in the glass. With `layers`, that of the first glass.
+    pub absorption_per_m: [f64; 3],
+    /// `[pitch, yaw]`: rotation about +x, then +y, right-handed; pivot (0, 0, distance_m).
+    pub tilt_deg: [f64; 2],
+    /// Layers from the camera outwards, in place of thickness, index and absorption; empty for a plain pane.
+    pub layers: Vec<GlassLayer>,
+    /// Coatings, at most one for each face.
+    pub coatings: Vec<FaceCoating>,
+}
+
+/// A layer of a pane.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(
+    untagged,
+    deny_unknown_fields,
+    expecting = r#"a layer must be {"glass_m": h, "ior": n, "absorption_per_m": [r, g, b]} (the last is optional) or {"gap_m": h}"#
+)]
+pub enum GlassLayer {
+    Glass {
+        /// Thickness.
+        glass_m: f64,
+        /// Index of refraction against air, at least 1.
+        ior: f64,
+        /// Absorption coefficient of red, green and blue, per metre of path.
+        #[serde(default)]
+        absorption_per_m: [f64; 3],
+    },
+    /// Air, or another gas.
+    Gap {
+        /// Thickness.
+        gap_m: f64,
+    },
+}
+
+/// Shares of the light that a coated face reflects and transmits, in place of Fresnel's: for both polarisations, all angles and
+/// both sides.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FaceCoating {
+    /// Index of the face, counted from the camera, from 0.
+    pub face: u32,
+    /// Reflected share of red, green and blue.
+    pub reflectance: [f64; 3],
+    /// Transmitted share; the coating absorbs the rest.
+    pub transmittance: [f64; 3],
+}
+
+/// The keys of [`Glass`].
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GlassKeys {
+    distance_m: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    thickness_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ior: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    absorption_per_m: Option<[f64; 3]>,
+    #[serde(default)]
+    tilt_deg: [f64; 2],
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    layers: Vec<GlassLayer>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    coatings: Vec<FaceCoating>,
+}
+
+impl TryFrom<GlassKeys> for Glass {
+    type Error = String;
+
+    fn try_from(keys: GlassKeys) -> Result<Self, String> {
+        let GlassKeys { distance_m, tilt_deg, layers, coatings, .. } = keys;
+        let missing = |key: &str| format!("missing field `{key}` of glass, which has no `layers`");
+        let (thickness_m, ior, absorption_per_m) = if layers.is_empty() {
+            (
+                keys.thickness_m.ok_or_else(|| missing("thickness_m"))?,
+                keys.ior.ok_or_else(|| missing("ior"))?,
+                keys.absorption_per_m.unwrap_or_default(),
+            )
+        } else {
+            let plain = [
+                ("thickness_m", keys.thickness_m.is_some()),
+                ("ior", keys.ior.is_some()),
+                ("absorption_per_m", keys.absorption_per_m.is_some()),
+            ];
+            if let Some((key, _)) = plain.into_iter().find(|(_, given)| *given) {
+                return Err(format!("glass has `layers` and `{key}`: keep only one of them"));
+            }
+            let thickness_m = layers.iter().map(GlassLayer::thickness_m).sum();
+            let glass = layers.iter().find_map(|layer| match *layer {
+                GlassLayer::Glass { ior, absorption_per_m, .. } => Some((ior, absorption_per_m)),
+                GlassLayer::Gap { .. } => None,
+            });
+            let (ior, absorption_per_m) = glass.ok_or("glass.layers have no layer of glass")?;
+            (thickness_m, ior, absorption_per_m)
+        };
+        Ok(Self { distance_m, thickness_m, ior, absorption_per_m, tilt_deg, layers, coatings })
+    }
+}
+
+impl From<Glass> for GlassKeys {
+    fn from(glass: Glass) -> Self {
+        let is_plain = glass.layers.is_empty();
+        Self {
+            distance_m: glass.distance_m,
+            thickness_m: is_plain.then_some(glass.thickness_m),
+            ior: is_plain.then_some(glass.ior),
+            absorption_per_m: is_plain.then_some(glass.absorption_per_m),
+            tilt_deg: glass.tilt_deg,
+            layers: glass.layers,
+            coatings: glass.coatings,
+        }
+    }
+}
+
+impl GlassLayer {
+    /// Returns the thickness of the layer, m.
+    pub fn thickness_m(&self) -> f64 {
+        match *self {
+            Self::Glass { glass_m, .. } => glass_m,
+            Self::Gap { gap_m } => gap_m,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{SceneLine, published};
+
+    fn with_glass(glass: &str) -> Result<SceneLine, String> {
+        let mut line = published();
+        line.glass = serde_json::from_str(glass).map_err(|error| error.to_string())?;
+        line.validate().map_err(|error| error.to_string())?;
+        Ok(line)
+    }
+
+    const DOUBLE: &str = r#"{"distance_m":0.4,"tilt_deg":[5.0,20.0],"layers":[{"glass_m":0.004,"ior":1.52,"absorption_per_m":[6.0,2.0,4.0]},{"gap_m":0.016},{"glass_m":0.006,"ior":1.5,"absorption_per_m":[0.0,0.0,0.0]}],"coatings":[{"face":1,"reflectance":[0.12,0.06,0.16],"transmittance":[0.8,0.86,0.78]}]}"#;
+
+    #[test]
+    fn layers_replace_thickness_index_and_absorption() {
+        let line = with_glass(DOUBLE).unwrap();
+        let glass = &line.glass;
+        assert!((glass.thickness_m - 0.026).abs() < 1e-15);
+        assert_eq!((glass.ior, glass.absorption_per_m), (1.52, [6.0, 2.0, 4.0]));
+        assert_eq!(serde_json::to_string(glass).unwrap(), DOUBLE);
+        // A plain pane keeps its text.
+        let plain = serde_json::to_string(&published().glass).unwrap();
+        assert!(plain.contains(r#""thickness_m":0.01,"ior":1.6,"absorption_per_m""#), "{plain}");
+        assert!(!plain.contains("layers") && !plain.contains("coatings"), "{plain}");
+    }
+
+    #[test]
+    fn errors_say_what_to_change() {
+        let coated = |coating: &str| {
+            format!(r#"{{"distance_m":1,"thickness_m":0.01,"ior":1.5,"coatings":[{coating}]}}"#)
+        };
+        let layers = |layers: &str| format!(r#"{{"distance_m":1,"layers":[{layers}]}}"#);
+        let even = r#""reflectance":[0.5,0.5,0.5],"transmittance":[0.5,0.5,0.5]"#;
+        for (glass, message) in [
+            (r#"{"distance_m":1,"ior":1.5}"#.to_owned(), "missing field `thickness_m`"),
+            (r#"{"distance_m":1,"thickness_m":0.01}"#.to_owned(), "missing field `ior`"),
+            (
+                r#"{"distance_m":1,"ior":1.5,"layers":[{"gap_m":0.01}]}"#.to_owned(),
+                "glass has `layers` and `ior`: keep only one",
+            ),
+            (layers(r#"{"gap_m":0.01}"#), "glass.layers have no layer of glass"),
+            (layers(r#"{"glas_m":0.01}"#), r#"a layer must be {"glass_m": h"#),
+            (layers(r#"{"glass_m":-0.01,"ior":1.5}"#), "glass.layers[0].glass_m is -0.01"),
+            (layers(r#"{"glass_m":0.01,"ior":0.9}"#), "glass.layers[0].ior is 0.9"),
+            (
+                layers(r#"{"glass_m":0.01,"ior":1.5},{"gap_m":-1}"#),
+                "glass.layers[1].gap_m is -1, but must be",
+            ),
+            (
+                layers(&vec![r#"{"glass_m":0.001,"ior":1.5}"#; 17].join(",")),
+                "glass.layers has 17 layers, but at most 16",
+            ),
+            (coated(&format!(r#"{{"face":2,{even}}}"#)), "the pane has the faces 0 to 1"),
+            (
+                coated(&format!(r#"{{"face":1,{even}}},{{"face":1,{even}}}"#)),
+                "glass.coatings[1].face is 1, like that of an earlier coating",
+            ),
+            (
+                coated(r#"{"face":0,"reflectance":[0,0,0.6],"transmittance":[0,0,0.5]}"#),
+                "glass.coatings[0].reflectance[2] plus the transmittance is 1.1",
+            ),
+            (
+                coated(r#"{"face":0,"reflectance":[0,2,0],"transmittance":[0,0,0]}"#),
+                "glass.coatings[0].reflectance[1] is 2, but must be 0 to 1",
+            ),
+        ] {
+            let error = with_glass(&glass).unwrap_err();
+            assert!(error.contains(message), "{error} for {glass}");
+        }
+    }
+}
