@@ -43,6 +43,8 @@ impl SceneLine {
                 ("focus.distance_m", focus_distance_m.as_slice()),
             ],
         )?;
+        // The layers come first, because an error in one of them also shows in their sum.
+        layers(glass)?;
         all_within(
             "glass",
             &[
@@ -53,7 +55,6 @@ impl SceneLine {
                 ("tilt_deg", &glass.tilt_deg),
             ],
         )?;
-        layers(glass)?;
         coatings(glass)?;
         side("front", &self.front)?;
         side("back", &self.back)?;
