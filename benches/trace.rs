@@ -65,10 +65,10 @@ fn polygons(decoded: &Decoded) -> Decoded {
 fn tiles(c: &mut Criterion) {
     let pair = pair(SIZE, FILM_PX).unwrap();
     let mut meshes = pair.clone();
-    meshes.photographs.front = polygons(&pair.photographs.front);
-    meshes.photographs.back = polygons(&pair.photographs.back);
+    meshes.photographs.front = polygons(&pair.photographs.front.surface).into();
+    meshes.photographs.back = polygons(&pair.photographs.back.surface).into();
     // Fixes the focus distance, because the centre of a mesh would yield another distance.
-    let Decoded::Sheet(front) = &pair.photographs.front else {
+    let Decoded::Sheet(front) = &pair.photographs.front.surface else {
         panic!("the built-in pair are photographs");
     };
     meshes.line.camera.focus = Focus::Distance { distance_m: front.front_center_z_m };
@@ -153,7 +153,7 @@ fn scenes(c: &mut Criterion) {
             b.iter(|| decode_photograph(black_box(&back), &files).unwrap());
         });
     }
-    let Decoded::Sheet(sheet) = &bench_scene.photographs.back else {
+    let Decoded::Sheet(sheet) = &bench_scene.photographs.back.surface else {
         panic!("the built-in pair are photographs");
     };
     group.bench_function("grid", |b| {

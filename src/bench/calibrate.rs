@@ -139,7 +139,7 @@ mod tests {
                 return Err(nowhere());
             }
             let side = |k: usize| SideFiles::Photograph(photographs[k].clone());
-            Ok(SceneFiles { front: side(0), back: side(1) })
+            Ok(SceneFiles::new(side(0), side(1)))
         };
         let lines: Vec<SceneLine> = (0..12u32)
             .map(|k| {

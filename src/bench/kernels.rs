@@ -247,7 +247,7 @@ fn tiles(width: u32, height: u32) -> Vec<Tile> {
 /// Times [`Grid::new`] on a scene's photographs; a mesh has no grid.
 pub fn grid_builds(scene: &BenchScene, passes: usize) -> Vec<BuildRow> {
     let sides = [("front", &scene.photographs.front), ("back", &scene.photographs.back)];
-    let sheets = sides.into_iter().filter_map(|(side, decoded)| match decoded {
+    let sheets = sides.into_iter().filter_map(|(side, decoded)| match &decoded.surface {
         Decoded::Sheet(sheet) => Some((side, sheet)),
         Decoded::Mesh(_) => None,
     });

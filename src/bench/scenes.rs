@@ -113,10 +113,8 @@ fn procedural(
         .expect("intrinsics are numbers");
     let is_far = places.map(|place| place == Place::Outdoor);
     let line = line(name, film_px, &intrinsics, is_far);
-    let files = SceneFiles {
-        front: SideFiles::Photograph(photograph(front, size)?),
-        back: SideFiles::Photograph(photograph(back, size)?),
-    };
+    let of = |which| photograph(which, size).map(SideFiles::Photograph);
+    let files = SceneFiles::new(of(front)?, of(back)?);
     let photographs = decode(&line, &files)?;
     Ok(BenchScene { name: name.to_owned(), line, photographs })
 }

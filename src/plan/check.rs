@@ -287,7 +287,8 @@ fn files_of(line: &SceneLine) -> impl Iterator<Item = (&str, FileRole)> {
 /// Returns the files of a side with their roles.
 fn roles(side: &Side) -> Vec<(&str, FileRole)> {
     let paths = side.paths().into_iter();
-    let role = |key| match (side, key) {
+    let role = |key: &str| match (side, key) {
+        (_, key) if key.starts_with("cards") => FileRole::Card,
         (Side::Photograph(_), "depth") => FileRole::Depth,
         (Side::Photograph(_), "mask") => FileRole::Mask,
         (Side::Photograph(_), _) => FileRole::Color,
@@ -295,7 +296,7 @@ fn roles(side: &Side) -> Vec<(&str, FileRole)> {
         (Side::Panorama(_), _) => FileRole::Panorama,
         (Side::Mesh(_), _) => FileRole::Mesh,
     };
-    paths.map(|(key, path)| (path, role(key))).collect()
+    paths.map(|(key, path)| (path, role(&key))).collect()
 }
 
 /// Checks one file or object.

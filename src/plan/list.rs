@@ -178,7 +178,7 @@ mod tests {
         assert_eq!(second.values["camera.f_number"], 1.5);
 
         let side = rooted(second.side.as_ref().unwrap(), "mine");
-        assert_eq!(side.paths(), [("mesh", "mine:b.ply")]);
+        assert_eq!(side.paths(), [("mesh".into(), "mine:b.ply")]);
         assert_eq!(side.exposure(), 2.0);
     }
 

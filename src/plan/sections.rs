@@ -78,6 +78,7 @@ pub(super) fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
         }),
         layers: vec![],
         coatings: vec![],
+        outline: None,
     }
 }
 
@@ -130,5 +131,6 @@ fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograp
         highlights: source.highlights,
         fill: source.fill,
         apex: None,
+        cards: vec![],
     }
 }

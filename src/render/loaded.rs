@@ -42,7 +42,7 @@ const TILE_PX: u32 = 64;
 ///     "camera": {{"focal_length_mm": 55, "aperture_radius_m": 0.01, "focus": {{"distance_m": 2}}}},
 ///     "glass": {{"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.5}},
 ///     "front": {side}, "back": {side}}}"#))?;
-/// let mut scene = Loaded::new(line, &SceneFiles { front: wall(), back: wall() })?;
+/// let mut scene = Loaded::new(line, &SceneFiles::new(wall(), wall()))?;
 ///
 /// let mut images = PerLayer::default();
 /// scene.render(7, 64, LayerSet::default(), &mut images)?;
@@ -139,7 +139,7 @@ mod tests {
             "camera":{{"focal_length_mm":55,"aperture_radius_m":0.01,"focus":{{"distance_m":3}}}},
             "glass":{{"distance_m":0.3,"thickness_m":0.01,"ior":1.5}},"front":{side},"back":{side}}}"#
         );
-        let files = SceneFiles { front: stripes(), back: stripes() };
+        let files = SceneFiles::new(stripes(), stripes());
         Loaded::new(parse_scene(&line).unwrap(), &files).unwrap()
     }
 

@@ -217,6 +217,9 @@ fn layers(glass: &Glass) -> String {
     for coating in &glass.coatings {
         let _ = write!(text, ", face {} coated", coating.face);
     }
+    if glass.outline.is_some() {
+        text.push_str(", framed");
+    }
     text
 }
 

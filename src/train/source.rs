@@ -237,7 +237,10 @@ impl PhotographSource {
                 Err(unusable("one side is a mesh: mixtures need two photographs".to_owned()))
             }
         };
-        Ok(Base::Photographs { front: part(&decoded.front)?, back: part(&decoded.back)? })
+        Ok(Base::Photographs {
+            front: part(&decoded.front.surface)?,
+            back: part(&decoded.back.surface)?,
+        })
     }
 }
 

@@ -1,5 +1,6 @@
 //! Small scenes with the parameters of a scene line, and their rendering.
 
+use crate::cover::Covered;
 use glam::{DMat3, DVec3};
 use render::layer::PerLayer;
 use render::trace::{
@@ -93,6 +94,8 @@ pub(crate) struct Case {
     pub(crate) absorption_per_m: [f64; 3],
     /// Layers and coatings in place of thickness, index and absorption.
     pub(crate) stack: Option<Stack>,
+    /// Objects that cover a part of the picture.
+    pub(crate) covered: Covered,
     pub(crate) tilt_deg: [f64; 2],
     pub(crate) apex: Apex,
     pub(crate) tolerance: f64,
@@ -115,6 +118,7 @@ impl Case {
             ior: 1.6,
             absorption_per_m: [0.0; 3],
             stack: None,
+            covered: Covered::default(),
             tilt_deg: [0.0; 2],
             apex: Apex::Mirror,
             tolerance: 7.6e-5,
@@ -229,6 +233,7 @@ impl Case {
             orders,
             slab,
             stack,
+            cover: self.covered.cover(self),
             front: front.into(),
             back: back.into(),
         }

@@ -9,6 +9,7 @@
 mod case;
 mod checkerboard;
 mod constant_depth;
+mod cover;
 mod furnace;
 mod golden;
 mod hard_cases;

@@ -1,6 +1,7 @@
 //! Compares pixels of rough scenes with the brute-force renderer: intersections, optics, lens and colour together.
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
+use crate::cover::{Edges, noisy_card};
 use crate::reference::Reference;
 use crate::stack::{coated_double_pane, double_pane};
 use render::trace::Isa;
@@ -151,6 +152,34 @@ fn double_panes_match_with_both_apexes() {
     case.apex = Apex::Camera;
     case.stack = Some(coated_double_pane());
     compare("steps and noise, camera, tilt -12 20, coated double pane", &case);
+}
+
+/// A pane that ends inside the picture, with frame and cards on both sides, alone and with other features.
+#[test]
+fn covered_panes_match_with_both_apexes() {
+    let mut case = case(Relief::Steps, Relief::Noise);
+    let edges = Edges {
+        x_m: [-0.06, 0.05],
+        y_m: [-0.045, 0.07],
+        frame_m: 0.02,
+        frame_radiance: [0.3, 0.2, 0.1],
+    };
+    let front = [noisy_card(1.6, [0.2, 0.1], 0.9, 3), noisy_card(0.6, [-0.05, 0.0], 0.25, 4)];
+    let back = [noisy_card(1.1, [-0.3, 0.0], 1.2, 5), noisy_card(0.2, [0.1, 0.05], 0.3, 6)];
+    case.covered.edges = Some(edges);
+    compare("steps and noise, mirror, frame", &case);
+    case.covered.cards = [front.to_vec(), back.to_vec()];
+    compare("steps and noise, mirror, frame and cards", &case);
+    case.tilt_deg = [-12.0, 20.0];
+    case.absorption_per_m = [3.0, 1.0, 8.0];
+    compare("steps and noise, mirror, frame and cards, tilt -12 20, absorbing", &case);
+    case.apex = Apex::Camera;
+    case.gaussian = true;
+    case.stack = Some(coated_double_pane());
+    compare("steps and noise, camera, frame and cards, coated double pane, Gaussian", &case);
+    case.covered.edges = None;
+    (case.tilt_deg, case.stack) = ([0.0; 2], None);
+    compare("steps and noise, camera, cards", &case);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! A brute-force f64 renderer: tries every triangle or, if depths differ much, every triangle near a line.
 
 use crate::case::{Apex, Case, Photo};
+use crate::cover::Place;
 use crate::optics::Pane;
 use glam::{DMat3, DVec3};
 use render::trace::{FollowedOrder, Order, PixelSeed, Scene, Stack, StackOptics, sample};
@@ -139,10 +140,11 @@ impl<'a> Sheet<'a> {
         }
     }
 
-    /// Returns the radiance along a line.
-    fn seen(&self, origin: DVec3, d: DVec3) -> [f64; 3] {
+    /// Returns the radiance along a line, and the position of its hit in lengths of `d`.
+    fn seen(&self, origin: DVec3, d: DVec3) -> ([f64; 3], f64) {
         let hit = self.first_hit(origin, d);
-        self.radiance(hit.expect("the border continues, so every line meets the sheet"))
+        let hit = hit.expect("the border continues, so every line meets the sheet");
+        (self.radiance(hit), (hit - origin).dot(d) / d.length_squared())
     }
 
     /// Returns the coordinate of a point on axis `k` of the photograph; texel centres are at integers.
@@ -242,13 +244,27 @@ impl<'a> Reference<'a> {
         (pinhole.normalize(), lens, direction.normalize())
     }
 
+    /// Returns the radiance and the weight along an order, at the place where the ray meets the pane's plane.
+    fn behind_pane(&self, order: Order, origin: DVec3, d: DVec3) -> ([f64; 3], [f64; 3]) {
+        let covered = &self.case.covered;
+        match (covered.place(self.case, origin, d), order) {
+            (Place::Glass, _) => self.behind_glass(order, origin, d),
+            (Place::Frame, Order::Transmitted(0)) => {
+                let edges = covered.edges.as_ref().expect("a frame has edges");
+                (edges.frame_radiance.map(f64::from), [1.0; 3])
+            }
+            (Place::Beside, Order::Transmitted(0)) => (self.seen_in_front(origin, d), [1.0; 3]),
+            _ => ([0.0; 3], [0.0; 3]),
+        }
+    }
+
     fn behind_glass(&self, order: Order, origin: DVec3, d: DVec3) -> ([f64; 3], [f64; 3]) {
         if let (Some(stack), Some(optics)) = (&self.case.stack, &self.scene.stack) {
             return self.behind_stack((stack, optics), order, origin, d);
         }
         let exit = self.pane.exit(origin, d, order);
         let radiance = match order {
-            Order::Transmitted(_) => self.front.seen(exit.point, exit.direction),
+            Order::Transmitted(_) => self.seen_in_front(exit.point, exit.direction),
             Order::Reflected(_) => self.seen_in_back(exit.point, exit.direction),
         };
         (radiance, exit.weight())
@@ -280,7 +296,7 @@ impl<'a> Reference<'a> {
         }
         let start = origin + stack.kappa_m(followed[index], cos_i) * n;
         let radiance = if side == 0 {
-            self.front.seen(start, d)
+            self.seen_in_front(start, d)
         } else {
             let start = start - 2.0 * (start.dot(n) - self.pane.distance_m) * n;
             self.seen_in_back(start, d - 2.0 * cos_i * n)
@@ -288,9 +304,32 @@ impl<'a> Reference<'a> {
         (radiance, weight)
     }
 
+    fn seen_in_front(&self, origin: DVec3, d: DVec3) -> [f64; 3] {
+        self.through_cards(false, [origin, d], self.front.seen(origin, d))
+    }
+
     fn seen_in_back(&self, origin: DVec3, d: DVec3) -> [f64; 3] {
         let (rotation, shift) = self.to_back;
-        self.back.seen(rotation * origin + shift, rotation * d)
+        let seen = self.back.seen(rotation * origin + shift, rotation * d);
+        self.through_cards(true, [origin, d], seen)
+    }
+
+    /// Lays the cards of a side over the radiance of its surface, which a ray of the world meets after some lengths of `d`.
+    fn through_cards(
+        &self,
+        is_back: bool,
+        [origin, d]: [DVec3; 2],
+        (mut radiance, surface): ([f64; 3], f64),
+    ) -> [f64; 3] {
+        for card in &self.case.covered.cards[usize::from(is_back)] {
+            if let Some((at, [r, g, b, alpha])) = card.seen(is_back, origin, d)
+                && at < surface
+            {
+                let laid = |behind: f64, card: f64| card + (1.0 - alpha) * behind;
+                radiance = [laid(radiance[0], r), laid(radiance[1], g), laid(radiance[2], b)];
+            }
+        }
+        radiance
     }
 
     /// Renders the four layers of a pixel.
@@ -308,7 +347,7 @@ impl<'a> Reference<'a> {
             let taken = samples_of(followed, spp);
             for s in (0..spp).filter(|s| s % 256 < taken.1) {
                 let (_, lens, d) = self.camera(x, y, sample(&seed, s));
-                let (radiance, weight) = self.behind_glass(followed.order, lens, d);
+                let (radiance, weight) = self.behind_pane(followed.order, lens, d);
                 add(&mut layers[0], radiance, weight, taken.0);
                 match followed.order {
                     Order::Transmitted(0) => add(&mut layers[1], radiance, [1.0; 3], taken.0),
@@ -318,18 +357,24 @@ impl<'a> Reference<'a> {
             }
         }
         let clean = orders.clean_spp(spp);
+        let covered = &self.case.covered;
+        let is_covered = covered.edges.is_some() || !covered.cards[1].is_empty();
+        let has_closed_form = self.case.apex == Apex::Mirror && !is_covered;
         for s in 0..clean {
             let (pinhole, _, _) = self.camera(x, y, sample(&seed, s));
+            if self.case.covered.place(self.case, DVec3::ZERO, pinhole) != Place::Glass {
+                continue;
+            }
             let (point, mirrored) = self.mirrored(pinhole);
             let seen = self.seen_in_back(point, mirrored);
             add(&mut layers[3], seen, [1.0; 3], clean);
-            if self.case.apex == Apex::Mirror {
+            if has_closed_form {
                 let of_direction = self.back.radiance(self.to_back.0 * mirrored);
                 let close = (0..3).all(|c| (seen[c] - of_direction[c]).abs() < 1e-6);
                 assert!(close, "R depends on depth: {seen:?}, {of_direction:?}");
             }
         }
-        if self.case.apex == Apex::Mirror {
+        if has_closed_form {
             layers[3] = self.integrated_reflection(x, y);
         }
         layers

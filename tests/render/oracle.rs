@@ -67,6 +67,12 @@ fn a_coated_pane_agrees() {
     agrees("windows/coated");
 }
 
+/// A tilted pane that ends inside the picture, with a frame, and a card behind the camera.
+#[test]
+fn a_covered_pane_agrees() {
+    agrees("windows/cover");
+}
+
 /// Renders the scene of an oracle, and compares each layer with its reference.
 fn agrees(name: &str) {
     let Some(folder) = oracle(name) else { return };

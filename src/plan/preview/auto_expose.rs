@@ -55,7 +55,8 @@ pub(crate) fn auto_expose(
     plain.camera.exposure = 1.0;
     plain.camera.white_balance = [1.0; 3];
     let mut scene = decode(&plain, files)?;
-    let sides = [(&mut line.front, &mut scene.front), (&mut line.back, &mut scene.back)];
+    let sides =
+        [(&mut line.front, &mut scene.front.surface), (&mut line.back, &mut scene.back.surface)];
     for (side, decoded) in sides {
         let (exposure, illuminant) = side.light_mut();
         if light.scale == LuminanceScale::Metered {

@@ -45,6 +45,11 @@ pub enum LineError {
         "glass.coatings[{index}].face is {face}, like that of an earlier coating: keep one for each face"
     )]
     FaceTwice { index: usize, face: u32 },
+    /// An outline without glass.
+    #[error("{field} is [{low}, {high}], but its first number must be smaller than its second")]
+    EmptyOutline { field: &'static str, low: f64, high: f64 },
+    #[error("{side}.cards has {found} cards, but at most {most} are allowed")]
+    Cards { side: String, found: usize, most: usize },
     /// A coating that makes light.
     #[error("{field} plus the transmittance is {sum}, but must be at most 1")]
     Light { field: String, sum: f64 },

@@ -1,5 +1,6 @@
 //! The pane of a scene line: one layer of glass, or several layers of glass and gaps, with coatings.
 
+use super::outline::Outline;
 use serde::{Deserialize, Serialize};
 
 /// The plane-parallel pane.
@@ -20,6 +21,8 @@ pub struct Glass {
     pub layers: Vec<GlassLayer>,
     /// Coatings, at most one for each face.
     pub coatings: Vec<FaceCoating>,
+    /// Edges of the pane; without them, the pane fills the picture.
+    pub outline: Option<Outline>,
 }
 
 /// A layer of a pane.
@@ -76,13 +79,15 @@ struct GlassKeys {
     layers: Vec<GlassLayer>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     coatings: Vec<FaceCoating>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    outline: Option<Outline>,
 }
 
 impl TryFrom<GlassKeys> for Glass {
     type Error = String;
 
     fn try_from(keys: GlassKeys) -> Result<Self, String> {
-        let GlassKeys { distance_m, tilt_deg, layers, coatings, .. } = keys;
+        let GlassKeys { distance_m, tilt_deg, layers, coatings, outline, .. } = keys;
         let missing = |key: &str| format!("missing field `{key}` of glass, which has no `layers`");
         let (thickness_m, ior, absorption_per_m) = if layers.is_empty() {
             (
@@ -107,7 +112,16 @@ impl TryFrom<GlassKeys> for Glass {
             let (ior, absorption_per_m) = glass.ok_or("glass.layers have no layer of glass")?;
             (thickness_m, ior, absorption_per_m)
         };
-        Ok(Self { distance_m, thickness_m, ior, absorption_per_m, tilt_deg, layers, coatings })
+        Ok(Self {
+            distance_m,
+            thickness_m,
+            ior,
+            absorption_per_m,
+            tilt_deg,
+            layers,
+            coatings,
+            outline,
+        })
     }
 }
 
@@ -122,6 +136,7 @@ impl From<Glass> for GlassKeys {
             tilt_deg: glass.tilt_deg,
             layers: glass.layers,
             coatings: glass.coatings,
+            outline: glass.outline,
         }
     }
 }
@@ -167,6 +182,9 @@ mod tests {
         let coated = |coating: &str| {
             format!(r#"{{"distance_m":1,"thickness_m":0.01,"ior":1.5,"coatings":[{coating}]}}"#)
         };
+        let framed = |outline: &str| {
+            format!(r#"{{"distance_m":1,"thickness_m":0.01,"ior":1.5,"outline":{{{outline}}}}}"#)
+        };
         let layers = |layers: &str| format!(r#"{{"distance_m":1,"layers":[{layers}]}}"#);
         let even = r#""reflectance":[0.5,0.5,0.5],"transmittance":[0.5,0.5,0.5]"#;
         for (glass, message) in [
@@ -200,6 +218,17 @@ mod tests {
             (
                 coated(r#"{"face":0,"reflectance":[0,2,0],"transmittance":[0,0,0]}"#),
                 "glass.coatings[0].reflectance[1] is 2, but must be 0 to 1",
+            ),
+            (framed(r#""x_m":[0.1,0.1],"y_m":[0,1]"#), "glass.outline.x_m is [0.1, 0.1], but its"),
+            (framed(r#""x_m":[0,1],"y_m":[2,1]"#), "glass.outline.y_m is [2, 1], but its first"),
+            (framed(r#""x_m":[0,1]"#), "missing field `y_m`"),
+            (
+                framed(r#""x_m":[0,1],"y_m":[0,1],"frame_m":-1"#),
+                "glass.outline.frame_m is -1, but must be finite and at least 0",
+            ),
+            (
+                framed(r#""x_m":[0,1],"y_m":[0,1],"frame_radiance":[0,-2,0]"#),
+                "glass.outline.frame_radiance[1] is -2",
             ),
         ] {
             let error = with_glass(&glass).unwrap_err();

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! scene_line -> side -> photograph, panorama -> image, highlights, depth_range   the line's types
-//! glass        the pane, its layers and coatings
+//! glass, outline   the pane, its layers, coatings and edges        card   flat pictures on a side
 //! layers       images to render               side_json, jsonl   sides and manifests as text
 //! roots        resolution of paths            validate, limits   checks of each field
 //! ```
@@ -18,10 +18,11 @@
 //!     "glass": {{"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6}},
 //!     "front": {side}, "back": {side}}}"#))?;
 //! assert_eq!(line.camera.focus, Focus::Distance { distance_m: 7.0 });
-//! assert_eq!(line.front.paths(), [("panorama", "room.exr")]);
+//! assert_eq!(line.front.name(), "room.exr");
 //! # Ok::<(), render::line::ManifestError>(())
 //! ```
 
+mod card;
 mod depth_range;
 mod error;
 mod glass;
@@ -30,6 +31,7 @@ mod image;
 mod jsonl;
 mod layers;
 pub mod limits;
+mod outline;
 mod panorama;
 mod photograph;
 #[cfg(test)]
@@ -40,6 +42,7 @@ mod side;
 mod side_json;
 mod validate;
 
+pub use card::Card;
 pub use depth_range::DepthRange;
 pub use error::LineError;
 pub use glass::{FaceCoating, Glass, GlassLayer};
@@ -47,10 +50,12 @@ pub use highlights::Highlights;
 pub use image::{Apex, DepthKind, Fill, Intrinsics, Orientation, Transfer, one};
 pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
 pub use layers::LayerSet;
+pub use outline::Outline;
 pub use panorama::{DepthMap, PanoramaDepth, PanoramaFile};
 pub use photograph::Photograph;
 pub use roots::{RootError, Roots, is_root_name, is_url};
 pub use scene_line::*;
+pub(crate) use side::card_key;
 pub use side::{MeshFile, MeshPose, Side};
 pub use validate::side as validate_side;
 

@@ -1,5 +1,6 @@
 //! An equirectangular panorama as one side of the pane.
 
+use super::card::Card;
 use super::depth_range::DepthRange;
 use super::highlights::Highlights;
 use super::image::{Apex, DepthKind, Fill, Transfer, is_white};
@@ -32,6 +33,9 @@ pub struct PanoramaFile {
     /// Only for the back: position of the panorama's point of view (`mirror` if missing).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub apex: Option<Apex>,
+    /// Flat pictures between the pane and the surface.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub cards: Vec<Card>,
 }
 
 /// Distances along the rays of a panorama.

@@ -1,5 +1,6 @@
 //! An RGBD photograph as one side of the pane.
 
+use super::card::Card;
 use super::depth_range::DepthRange;
 use super::highlights::Highlights;
 use super::image::{
@@ -49,4 +50,7 @@ pub struct Photograph {
     /// Only for the back: position of the capture camera (`mirror` if missing).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub apex: Option<Apex>,
+    /// Flat pictures between the pane and the surface.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cards: Vec<Card>,
 }

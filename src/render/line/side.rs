@@ -1,10 +1,12 @@
 //! One side of the pane: an RGBD photograph, a panorama or a triangle mesh.
 
+use super::card::Card;
 use super::image::{Apex, Transfer, is_white, one, white};
 use super::panorama::{PanoramaDepth, PanoramaFile};
 use super::photograph::Photograph;
 use super::scene_line::Camera;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// One side of the pane. In JSON, the key `panorama` or `mesh` selects the variant; a photograph has neither.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -42,6 +44,9 @@ pub struct MeshFile {
     /// Only for the back: position of the capture camera (`mirror` if missing).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub apex: Option<Apex>,
+    /// Flat pictures between the pane and the surface.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cards: Vec<Card>,
 }
 
 /// A rigid transform from mesh coordinates in metres to the capture camera's (+x right, +y down, +z forward):
@@ -123,17 +128,40 @@ impl Side {
         }
     }
 
-    /// Returns the side with the camera's exposure and white balance applied to its light. The light is linear, so the
-    /// order of the factors does not matter.
+    /// Returns the side with the camera's exposure and white balance applied to its light and to that of its cards. The light
+    /// is linear, so the order of the factors does not matter.
     #[must_use]
     pub fn seen_by(&self, camera: &Camera) -> Self {
         let mut side = self.clone();
-        let (exposure, illuminant) = side.light_mut();
-        *exposure *= camera.exposure;
-        for (channel, balance) in illuminant.iter_mut().zip(camera.white_balance) {
-            *channel *= balance;
+        let see = |exposure: &mut f64, illuminant: &mut [f64; 3]| {
+            *exposure *= camera.exposure;
+            for (channel, balance) in illuminant.iter_mut().zip(camera.white_balance) {
+                *channel *= balance;
+            }
+        };
+        for card in side.cards_mut() {
+            see(&mut card.exposure, &mut card.illuminant);
         }
+        let (exposure, illuminant) = side.light_mut();
+        see(exposure, illuminant);
         side
+    }
+
+    /// Returns the cards of the side.
+    pub fn cards(&self) -> &[Card] {
+        match self {
+            Self::Photograph(photograph) => &photograph.cards,
+            Self::Panorama(panorama) => &panorama.cards,
+            Self::Mesh(mesh) => &mesh.cards,
+        }
+    }
+
+    pub fn cards_mut(&mut self) -> &mut Vec<Card> {
+        match self {
+            Self::Photograph(photograph) => &mut photograph.cards,
+            Self::Panorama(panorama) => &mut panorama.cards,
+            Self::Mesh(mesh) => &mut mesh.cards,
+        }
     }
 
     /// Returns the side's key `apex`, the position of the capture camera; `None` if the key is missing.
@@ -154,8 +182,8 @@ impl Side {
     }
 
     /// Returns the paths of all files of the side, with their JSON keys.
-    pub fn paths(&self) -> Vec<(&'static str, &str)> {
-        match self {
+    pub fn paths(&self) -> Vec<(Cow<'static, str>, &str)> {
+        let mut paths: Vec<(&'static str, &str)> = match self {
             Self::Photograph(p) => {
                 [("color", Some(&p.color)), ("depth", Some(&p.depth)), ("mask", p.mask.as_ref())]
                     .into_iter()
@@ -170,26 +198,38 @@ impl Side {
                 paths
             }
             Self::Mesh(mesh) => vec![("mesh", &mesh.mesh)],
-        }
+        };
+        let of_side = paths.drain(..).map(|(key, path)| (Cow::Borrowed(key), path));
+        let cards = (0..).zip(self.cards());
+        let of_cards =
+            cards.map(|(index, card)| (Cow::Owned(card_key(index)), card.color.as_str()));
+        of_side.chain(of_cards).collect()
     }
 
     /// Returns mutable references to the paths of [`Self::paths`].
     pub fn paths_mut(&mut self) -> Vec<&mut String> {
-        match self {
-            Self::Photograph(p) => [Some(&mut p.color), Some(&mut p.depth), p.mask.as_mut()]
-                .into_iter()
-                .flatten()
-                .collect(),
+        let (mut paths, cards) = match self {
+            Self::Photograph(p) => {
+                let of_side = [Some(&mut p.color), Some(&mut p.depth), p.mask.as_mut()];
+                (of_side.into_iter().flatten().collect(), &mut p.cards)
+            }
             Self::Panorama(p) => {
                 let mut paths = vec![&mut p.panorama];
                 if let PanoramaDepth::Map(map) = &mut p.depth {
                     paths.push(&mut map.depth);
                 }
-                paths
+                (paths, &mut p.cards)
             }
-            Self::Mesh(mesh) => vec![&mut mesh.mesh],
-        }
+            Self::Mesh(mesh) => (vec![&mut mesh.mesh], &mut mesh.cards),
+        };
+        paths.extend(cards.iter_mut().map(|card| &mut card.color));
+        paths
     }
+}
+
+/// Returns the JSON key of the picture of a side's card.
+pub(crate) fn card_key(index: usize) -> String {
+    format!("cards[{index}].color")
 }
 
 impl From<Photograph> for Side {

@@ -1,5 +1,6 @@
 //! Reads a side from JSON: the key `mesh`, `panorama` or `color` determines the other allowed keys.
 
+use super::card::Card;
 use super::depth_range::DepthRange;
 use super::highlights::Highlights;
 use super::image::{Apex, DepthKind, Fill, Transfer, one, white};
@@ -80,6 +81,8 @@ struct PanoramaKeys {
     #[serde(default)]
     pitch_deg: f64,
     apex: Option<Apex>,
+    #[serde(default)]
+    cards: Vec<Card>,
 }
 
 impl PanoramaKeys {
@@ -127,6 +130,7 @@ impl PanoramaKeys {
             yaw_deg: self.yaw_deg,
             pitch_deg: self.pitch_deg,
             apex: self.apex,
+            cards: self.cards,
         })
     }
 }
@@ -152,7 +156,7 @@ mod tests {
             [[1,0,0],[0,0,-1],[0,1,0]],"translation_m":[0,0.5,2]},"apex":"camera"}"#;
         let side = read(posed).unwrap();
         assert_eq!(side.apex(), Some(Apex::Camera));
-        assert_eq!(side.paths(), [("mesh", "a:b.ply")]);
+        assert_eq!(side.paths(), [("mesh".into(), "a:b.ply")]);
         let text = serde_json::to_string(&side).unwrap();
         assert_eq!(read(&text).unwrap(), side);
         let moved = read(r#"{"mesh":"b","pose":{"translation_m":[0,0,1]}}"#).unwrap();
@@ -174,7 +178,10 @@ mod tests {
             "relative_inverse","depth_range":{"mean_m":3},"fill":"far","yaw_deg":-90,"pitch_deg":5,"apex":"camera"}"#,
         )
         .unwrap();
-        assert_eq!(side.paths(), [("panorama", "a:hall.jpg"), ("depth", "a:hall.npy")]);
+        assert_eq!(
+            side.paths(),
+            [("panorama".into(), "a:hall.jpg"), ("depth".into(), "a:hall.npy")]
+        );
         let text = serde_json::to_string(&side).unwrap();
         assert_eq!(read(&text).unwrap(), side);
         *side.light_mut().0 = 3.0;

@@ -1,5 +1,6 @@
 //! Checks the fields of a scene line, for example that numbers are within their limits and that no path is empty.
 
+use super::card::Card;
 use super::depth_range;
 use super::error::{LineError, within};
 use super::glass::{Glass, GlassLayer};
@@ -56,6 +57,7 @@ impl SceneLine {
             ],
         )?;
         coatings(glass)?;
+        outline(glass)?;
         side("front", &self.front)?;
         side("back", &self.back)?;
         if self.front.apex().is_some() {
@@ -114,6 +116,52 @@ fn coatings(glass: &Glass) -> Result<(), LineError> {
     Ok(())
 }
 
+fn outline(glass: &Glass) -> Result<(), LineError> {
+    let Some(outline) = &glass.outline else {
+        return Ok(());
+    };
+    all_within(
+        "glass.outline",
+        &[
+            ("x_m", &outline.x_m),
+            ("y_m", &outline.y_m),
+            ("frame_m", &[outline.frame_m]),
+            ("frame_radiance", &outline.frame_radiance),
+        ],
+    )?;
+    for (field, [low, high]) in
+        [("glass.outline.x_m", outline.x_m), ("glass.outline.y_m", outline.y_m)]
+    {
+        if low >= high {
+            return Err(LineError::EmptyOutline { field, low, high });
+        }
+    }
+    Ok(())
+}
+
+/// Largest number of cards of a side.
+const MAX_CARDS: usize = 16;
+
+fn cards(side: &str, cards: &[Card]) -> Result<(), LineError> {
+    if cards.len() > MAX_CARDS {
+        let (side, found) = (side.to_owned(), cards.len());
+        return Err(LineError::Cards { side, found, most: MAX_CARDS });
+    }
+    for (index, card) in cards.iter().enumerate() {
+        all_within(
+            &format!("{side}.cards[{index}]"),
+            &[
+                ("distance_m", &[card.distance_m]),
+                ("center_m", &card.center_m),
+                ("width_m", &[card.width_m]),
+                ("exposure", &[card.exposure]),
+                ("illuminant", &card.illuminant),
+            ],
+        )?;
+    }
+    Ok(())
+}
+
 /// Checks the paths and numbers of one side. Errors call the side `name`.
 pub fn side(name: &str, side: &Side) -> Result<(), LineError> {
     for (key, path) in side.paths() {
@@ -123,6 +171,7 @@ pub fn side(name: &str, side: &Side) -> Result<(), LineError> {
     }
     let (exposure, illuminant) = (&[side.exposure()], &side.illuminant());
     all_within(name, &[("exposure", exposure), ("illuminant", illuminant)])?;
+    cards(name, side.cards())?;
     match side {
         Side::Photograph(side) => photograph(name, side),
         Side::Panorama(side) => panorama(name, side),

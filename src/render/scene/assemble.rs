@@ -1,25 +1,26 @@
 //! Assembles two sheets or meshes, a pane, a lens and a film into a [`crate::trace::Scene`].
 
 use super::aspect::OtherAspect;
+use super::card::{back_cards, front_cards};
 use super::check_geometry::check_geometry;
 use super::error::AssembleError;
 use super::facts::{SceneFacts, Sides, SidesWith, order_facts};
 use super::far::far_median_m;
 use super::geometry::{
-    BackCamera, cosines_between, film_directions, film_plane, film_reach, slab, stack,
+    BackCamera, cosines_between, film_directions, film_plane, film_reach, outline, slab, stack,
 };
 use super::near::Near;
-use super::place::{Decoded, Placed};
+use super::place::{DecodedSide, Placed};
 use super::surface::{back_surface, front_surface};
 use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine};
-use crate::trace::{Lens, OrderPlan, Sampling, Scene, StackOptics};
+use crate::trace::{Cover, Lens, OrderPlan, Sampling, Scene, StackOptics};
 use glam::DVec3;
 
 /// Places the sides, focuses the lens, checks the geometry and selects the orders of the glass.
 pub fn assemble(
     line: &SceneLine,
-    front: impl Into<Decoded>,
-    back: impl Into<Decoded>,
+    front: impl Into<DecodedSide>,
+    back: impl Into<DecodedSide>,
 ) -> Result<(Scene, SceneFacts), AssembleError> {
     assemble_sides(line, front.into(), back.into())
 }
@@ -27,12 +28,20 @@ pub fn assemble(
 /// [`assemble`] without type parameters, so that it is compiled with the settings of this crate.
 fn assemble_sides(
     line: &SceneLine,
-    front: Decoded,
-    back: Decoded,
+    front: DecodedSide,
+    back: DecodedSide,
 ) -> Result<(Scene, SceneFacts), AssembleError> {
     let max_radiance = Sides { front: front.max_radiance(), back: back.max_radiance() };
     let slab = slab(line);
     let back_camera = BackCamera::new(line.back.apex().unwrap_or_default(), &slab);
+    let cover = Cover {
+        outline: outline(line),
+        cards: [
+            front_cards(line.front.cards(), &front.cards, &slab)?,
+            back_cards(line.back.cards(), &back.cards, &slab, &back_camera)?,
+        ],
+    };
+    let (front, back) = (front.surface, back.surface);
     let lateral_m = line.camera.aperture_radius_m + line.glass.thickness_m;
     // The capture coordinates of the front are those of the lens.
     let front = front.place("front", |x| x, lateral_m)?;
@@ -94,6 +103,7 @@ fn assemble_sides(
         slab,
         stack,
         orders,
+        cover,
         front,
         back,
     };

@@ -93,7 +93,7 @@ fn key(line: &Photograph, digests: [Option<blake3::Hash>; 3]) -> [u8; 32] {
     // The position of the camera does not matter here, nor the names of files with the same contents.
     let [color, depth] = [String::new(), String::new()];
     let mask = line.mask.as_ref().map(|_| String::new());
-    let line = Photograph { color, depth, mask, apex: None, ..line.clone() };
+    let line = Photograph { color, depth, mask, apex: None, cards: vec![], ..line.clone() };
     let line = serde_json::to_vec(&line).expect("a scene line can be written as JSON");
     *hasher.update(&line).finalize().as_bytes()
 }
@@ -122,7 +122,7 @@ mod tests {
                 mask: None,
             })
         });
-        SceneFiles { front, back }
+        SceneFiles::new(front, back)
     }
 
     fn line(exposure: f64) -> SceneLine {

@@ -40,8 +40,64 @@ pub(super) fn decode(
         FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
     };
+    radiance(file, raster.read_as(orientation), transfer, scale)
+}
+
+/// Decodes a colour image like [`decode`], upright, with its straight alpha, row by row; `None` without alpha. An error if an
+/// alpha is not 0 to 1.
+pub(super) fn decode_with_alpha(
+    file: &NamedBytes,
+    transfer: Transfer,
+    scale: [f64; 3],
+) -> Result<(Color, Option<Vec<f32>>), SceneError> {
+    let raster = match straight_format(file)? {
+        FileFormat::Npy => decode_npy(file)?,
+        FileFormat::Pfm => pfm::decode(file)?,
+        format => raster::decode(file, format)?,
+    };
+    let raster = raster.read_as(Orientation::Upright);
+    let of = raster.channels;
+    let alpha = of.is_multiple_of(2).then(|| -> Vec<f32> {
+        match &raster.samples {
+            Samples::U8(v) => v.chunks_exact(of).map(|p| f32::from(p[of - 1]) / 255.0).collect(),
+            Samples::U16(v) => v.chunks_exact(of).map(|p| f32::from(p[of - 1]) / 65535.0).collect(),
+            Samples::F32(v) => v.chunks_exact(of).map(|p| p[of - 1]).collect(),
+        }
+    });
+    let width = raster.width;
+    let color = radiance(file, raster, transfer, scale)?;
+    let is_bad = |alpha: &f32| !(0.0..=1.0).contains(alpha);
+    match alpha.iter().flatten().position(is_bad) {
+        None => Ok((color, alpha)),
+        Some(at) => {
+            let (x, y) = (at % width, at / width);
+            let value = alpha.map_or(0.0, |alpha| alpha[at]);
+            let found = format!("an alpha of {value} at ({x} px, {y} px)");
+            Err(file.wrong_layout(found, "an alpha of 0 to 1"))
+        }
+    }
+}
+
+/// Returns the format of a picture with straight alpha; an error for EXR.
+pub(super) fn straight_format(file: &NamedBytes) -> Result<FileFormat, SceneError> {
+    const FORMATS: &str = "a PNG, JPEG, PNM, Radiance HDR, PFM or .npy picture with straight alpha";
+    match file.format(FORMATS)? {
+        FileFormat::Exr => {
+            let found = "an EXR picture, in which alpha multiplies the colours".to_owned();
+            Err(file.wrong_format(found, FORMATS))
+        }
+        format => Ok(format),
+    }
+}
+
+/// Converts a decoded image to linear Rec.709 radiance; see [`decode`].
+fn radiance(
+    file: &NamedBytes,
+    raster: Raster,
+    transfer: Transfer,
+    scale: [f64; 3],
+) -> Result<Color, SceneError> {
     let unusable = |source| SceneError::Color { path: file.path.clone(), source };
-    let raster = raster.read_as(orientation);
     let Raster { width, height, channels, .. } = raster;
     let space = raster.color.map_err(unusable)?;
     let radiance = match (&raster.samples, &space) {

@@ -15,6 +15,18 @@ pub enum AssembleError {
     /// A pane that cannot be rendered.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
+    /// A card that touches the pane or lies on its other side.
+    #[error(
+        "{side}.cards[{index}] reaches {:.3} m beyond the pane, but must lie wholly on its {side} side: increase its distance_m, \
+         move or shrink it, or reduce glass.tilt_deg", -lowest_m
+    )]
+    CardInPane {
+        side: &'static str,
+        /// Index of the card in the line.
+        index: usize,
+        /// Least distance of the card from the pane, m; negative beyond it.
+        lowest_m: f64,
+    },
     /// A photograph or panorama with too many depth pixels nearer than the pane.
     #[error(
         "{side} photograph: {:.2} % of its valid depth pixels are nearer than the pane at {distance_m} m \

@@ -1,7 +1,7 @@
 //! Pane, film and back capture camera of a scene line in the lens's coordinates.
 
 use crate::line::{Apex, Filter, GlassLayer, SceneLine};
-use crate::trace::{Coating, FilmPlane, FilterTable, Lens, Slab, Stack, StackLayer};
+use crate::trace::{Coating, FilmPlane, FilterTable, Lens, Outline, Slab, Stack, StackLayer};
 use glam::{DMat3, DVec3};
 
 /// Returns the pane of a line.
@@ -47,6 +47,25 @@ pub(super) fn stack(line: &SceneLine) -> Option<Stack> {
         coatings[coating.face as usize] = Some(shares);
     }
     Some(Stack::new(of.iter().map(layer).collect(), coatings))
+}
+
+/// Returns the edges of a line's pane. The camera's exposure and white balance apply to the frame.
+pub(super) fn outline(line: &SceneLine) -> Option<Outline> {
+    let outline = line.glass.outline.as_ref()?;
+    let [pitch, yaw] = line.glass.tilt_deg.map(f64::to_radians);
+    let (sin_pitch, cos_pitch) = libm::sincos(pitch);
+    let (sin_yaw, cos_yaw) = libm::sincos(yaw);
+    let balance = line.camera.white_balance.map(|balance| line.camera.exposure * balance);
+    Some(Outline {
+        axes: [
+            DVec3::new(cos_yaw, 0.0, -sin_yaw),
+            DVec3::new(sin_pitch * sin_yaw, cos_pitch, sin_pitch * cos_yaw),
+        ],
+        distance_m: line.glass.distance_m,
+        glass_m: [outline.x_m, outline.y_m],
+        frame_m: outline.frame_m,
+        frame_radiance: [0, 1, 2].map(|c| (outline.frame_radiance[c] * balance[c]) as f32),
+    })
 }
 
 /// Returns the interval of the cosines of incidence of rays that cover the film's `reach`, from the
@@ -126,6 +145,16 @@ impl BackCamera {
     fn mirror(&self) -> DMat3 {
         let n = self.normal;
         DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z) * 2.0
+    }
+
+    /// Returns the mirror image of a point of the world in the front face.
+    pub(super) fn mirrored_point(&self, point: DVec3) -> DVec3 {
+        self.mirror() * point + self.normal * self.twice_distance_m()
+    }
+
+    /// Returns the mirror image of a direction.
+    pub(super) fn mirrored_direction(&self, direction: DVec3) -> DVec3 {
+        self.mirror() * direction
     }
 
     /// Returns the distance of the mirrored lens from the lens, along the normal.

@@ -1,12 +1,13 @@
 //! Reads, decodes and assembles a scene's files. Decoding is pure.
 
 use super::cache::PhotographCache;
+use super::card::decode_card;
 use super::facts::order_facts;
 use super::panorama::decode_panorama;
 use super::window::Sight;
-use super::{AssembleError, Decoded, SceneFacts, assemble, decode_mesh};
+use super::{AssembleError, Decoded, DecodedSide, SceneFacts, assemble, decode_mesh};
 use crate::formats::{NamedBytes, PanoramaFiles, PhotographFiles, SceneError};
-use crate::line::{PanoramaDepth, RootError, Roots, SceneLine, Side};
+use crate::line::{PanoramaDepth, RootError, Roots, SceneLine, Side, card_key};
 use crate::trace::Scene;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -31,9 +32,18 @@ pub struct SceneFiles {
     pub front: SideFiles,
     /// Side reflected in the pane.
     pub back: SideFiles,
+    /// Pictures of the cards of the front and of the back.
+    pub cards: [Vec<NamedBytes>; 2],
 }
 
-/// The bytes of one side's files.
+impl SceneFiles {
+    /// Makes the files of a scene without cards.
+    pub fn new(front: SideFiles, back: SideFiles) -> Self {
+        Self { front, back, cards: Default::default() }
+    }
+}
+
+/// The bytes of the files of one side's surface.
 pub enum SideFiles {
     Photograph(PhotographFiles),
     Panorama(PanoramaFiles),
@@ -44,9 +54,9 @@ pub enum SideFiles {
 #[derive(Clone)]
 pub struct DecodedScene {
     /// Side seen through the pane.
-    pub front: Decoded,
+    pub front: DecodedSide,
     /// Side reflected in the pane.
-    pub back: Decoded,
+    pub back: DecodedSide,
     /// Digests of the scene's files.
     pub inputs: InputDigests,
 }
@@ -111,7 +121,14 @@ pub fn read_files_by(
             Side::Mesh(p) => SideFiles::Mesh(named(&p.mesh)?),
         })
     };
-    Ok(SceneFiles { front: side(&line.front)?, back: side(&line.back)? })
+    let cards = |side: &Side| -> Result<Vec<NamedBytes>, LoadError> {
+        side.cards().iter().map(|card| named(&card.color)).collect()
+    };
+    Ok(SceneFiles {
+        front: side(&line.front)?,
+        back: side(&line.back)?,
+        cards: [cards(&line.front)?, cards(&line.back)?],
+    })
 }
 
 /// Decodes the files and assembles the scene.
@@ -143,11 +160,27 @@ fn decode_with(
     cache: &PhotographCache,
 ) -> Result<DecodedScene, LoadError> {
     let [front, back] = [&files.front, &files.back].map(Digests::of);
-    let side = |side: &Side| side.seen_by(&line.camera);
+    let inputs = front.named("front").chain(back.named("back"));
+    let of_cards = ["front", "back"].into_iter().zip(&files.cards).flat_map(|(side, cards)| {
+        (0..).zip(cards).map(move |(index, card)| {
+            let digest = blake3::hash(&card.bytes).to_hex().to_string();
+            (format!("{side}.{}", card_key(index)), digest)
+        })
+    });
+    let inputs = InputDigests(inputs.chain(of_cards).collect());
+    let side = |side: &Side, files, digests, of_cards: &[NamedBytes], sight: &dyn Fn() -> Sight| {
+        let side = side.seen_by(&line.camera);
+        let cards = side.cards().iter().zip(of_cards);
+        Ok::<_, SceneError>(DecodedSide {
+            surface: decode_side(&side, files, digests, cache, sight)?,
+            cards: cards.map(|(card, file)| decode_card(card, file)).collect::<Result<_, _>>()?,
+        })
+    };
+    let [of_front, of_back] = &files.cards;
     Ok(DecodedScene {
-        front: decode_side(&side(&line.front), &files.front, &front, cache, || Sight::front(line))?,
-        back: decode_side(&side(&line.back), &files.back, &back, cache, || Sight::back(line))?,
-        inputs: InputDigests(front.named("front").chain(back.named("back")).collect()),
+        front: side(&line.front, &files.front, &front, of_front, &|| Sight::front(line))?,
+        back: side(&line.back, &files.back, &back, of_back, &|| Sight::back(line))?,
+        inputs,
     })
 }
 

@@ -26,6 +26,8 @@ pub enum FileRole {
     /// The depth map of a panorama.
     PanoramaDepth,
     Mesh,
+    /// The picture of a card.
+    Card,
 }
 
 /// The beginning and the end of a file.
@@ -75,6 +77,7 @@ pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<Picture
             }
             FileRole::Mask => drop(mask::decode(file, Orientation::Stored)?),
             FileRole::Mesh => drop(ply::decode(file)?),
+            FileRole::Card => drop(color::decode_with_alpha(file, Transfer::Linear, [1.0; 3])?),
         }
     }
     Ok(size)
@@ -83,6 +86,10 @@ pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<Picture
 fn size(role: FileRole, file: &NamedBytes, length: u64) -> Result<Option<PictureSize>, SceneError> {
     Ok(match role {
         FileRole::Color => Some(color::size(file, length)?),
+        FileRole::Card => {
+            color::straight_format(file)?;
+            Some(color::size(file, length)?)
+        }
         FileRole::Depth => Some(depth::size(file, length)?),
         FileRole::Mask => Some(mask::size(file, length)?),
         FileRole::Panorama => Some(whole_sphere(file, color::size(file, length)?)?),
@@ -261,16 +268,18 @@ mod tests {
             FileRole::Panorama => color().is_ok_and(|c| is_sphere(c.width, c.height)),
             FileRole::PanoramaDepth => depth().is_ok_and(|d| is_sphere(d.width, d.height)),
             FileRole::Mesh => ply::decode(file).is_ok(),
+            FileRole::Card => color::decode_with_alpha(file, Transfer::Linear, [1.0; 3]).is_ok(),
         }
     }
 
-    const ROLES: [FileRole; 6] = [
+    const ROLES: [FileRole; 7] = [
         FileRole::Color,
         FileRole::Depth,
         FileRole::Mask,
         FileRole::Panorama,
         FileRole::PanoramaDepth,
         FileRole::Mesh,
+        FileRole::Card,
     ];
 
     const MESH: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\

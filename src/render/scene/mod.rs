@@ -20,6 +20,7 @@
 mod aspect;
 mod assemble;
 mod cache;
+mod card;
 mod center;
 mod check_geometry;
 mod color;
@@ -61,6 +62,6 @@ pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_w
 pub use mesh::{Polygons, decode_mesh};
 pub(crate) use photograph::decode_srgb_image;
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
-pub use place::{Decoded, MeshFacts};
+pub use place::{Decoded, DecodedSide, MeshFacts};
 pub use relative::RelativeEnds;
 pub use turned::{PhotographSizes, check_turned};

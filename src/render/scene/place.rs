@@ -4,11 +4,12 @@ use super::error::AssembleError;
 use super::mesh::Polygons;
 use super::photograph::Sheet;
 use super::relative::RelativeEnds;
-use crate::trace::{MAX_COORDINATE_M, Mesh};
+use crate::trace::{MAX_COORDINATE_M, Mesh, Texture};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
-/// One side, decoded from its files.
+/// The surface of one side, decoded from its files.
 #[derive(Clone)]
 pub enum Decoded {
     Sheet(Sheet),
@@ -25,6 +26,35 @@ impl From<Polygons> for Decoded {
     fn from(mesh: Polygons) -> Self {
         Self::Mesh(mesh)
     }
+}
+
+/// One side, decoded from its files.
+#[derive(Clone)]
+pub struct DecodedSide {
+    pub surface: Decoded,
+    /// Pictures of the side's cards, in the order of the line.
+    pub cards: Vec<Arc<Texture>>,
+}
+
+impl<T: Into<Decoded>> From<T> for DecodedSide {
+    /// Makes a side without cards.
+    fn from(surface: T) -> Self {
+        Self { surface: surface.into(), cards: vec![] }
+    }
+}
+
+impl DecodedSide {
+    /// Returns the largest linear radiance of the surface and of the cards. An alpha below 1 mixes both, and adds none.
+    pub(super) fn max_radiance(&self) -> f64 {
+        let cards = self.cards.iter().map(|card| brightest(card));
+        cards.fold(self.surface.max_radiance(), f64::max)
+    }
+}
+
+/// Returns the largest radiance of a card's texels, before its alpha.
+fn brightest(card: &Texture) -> f64 {
+    let of = |&[r, g, b, alpha]: &[f32; 4]| f64::from(r.max(g).max(b)) / f64::from(alpha);
+    card.rows().flatten().filter(|texel| texel[3] > 0.0).map(of).fold(0.0, f64::max)
 }
 
 /// One side: a sheet in capture coordinates, which gets its pose later, or a mesh in the lens's coordinates.

@@ -31,6 +31,8 @@ pub(super) struct Sight {
     rotation: DMat3,
     translation_m: DVec3,
     order: fn(u32) -> Order,
+    /// True if rays pass beside the pane, without a shift.
+    passes_beside: bool,
     /// Distance of the pane. Nearer surfaces are refused, except for a few pixels.
     pub(super) pane_m: f64,
 }
@@ -73,6 +75,7 @@ impl Sight {
             aperture_radius_m,
             rotation,
             order,
+            passes_beside: line.glass.outline.is_some(),
             pane_m: line.glass.distance_m,
         }
     }
@@ -113,8 +116,10 @@ impl Sight {
             let cos_i = d.dot(self.slab.normal).abs().max(1e-3);
             let direction = self.rotation * d;
             include(direction);
-            for round_trips in [0, ROUND_TRIPS] {
-                let shift = self.slab.normal * self.shift_m(round_trips, cos_i);
+            let beside = self.passes_beside.then_some(0.0);
+            let shifts_m = [0, ROUND_TRIPS].map(|round_trips| self.shift_m(round_trips, cos_i));
+            for shift_m in shifts_m.into_iter().chain(beside) {
+                let shift = self.slab.normal * shift_m;
                 for [x, y] in lens_points {
                     let start = DVec3::new(x, y, 0.0) + shift;
                     let start = self.rotation * start + self.translation_m;

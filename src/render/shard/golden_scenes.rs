@@ -9,7 +9,8 @@ use crate::layer::PerLayer;
 use crate::line::Apex;
 use crate::scene::{BackCamera, decode_srgb_image};
 use crate::trace::{
-    FilmPlane, FilterTable, Grid, Lens, OrderPlan, Pose, Sampling, Scene, Slab, Texture, View,
+    Cover, FilmPlane, FilterTable, Grid, Lens, OrderPlan, Pose, Sampling, Scene, Slab, Texture,
+    View,
 };
 use glam::DVec3;
 
@@ -128,6 +129,7 @@ impl Parameters {
             orders: OrderPlan::new(&slab, &cosines, radiance, self.order_tolerance),
             slab,
             stack: None,
+            cover: Cover::default(),
             front: front.into(),
             back: back.into(),
         }

@@ -3,9 +3,10 @@
 //! Lanes are pixels, so that no lane is idle if pixels take few samples.
 
 use super::camera::{CHUNK, CameraChunk};
+use super::cover::{Card, Entries, Overlay, meets};
 use super::fetch::{Factors, Hits};
 use super::lanes::{LANES, Lane};
-use super::lines::{LineMaker, Path, ViewLanes, span_of_lines};
+use super::lines::{LineMaker, Path, ViewLanes, points, span_of_lines};
 use super::means::LaneSums;
 use super::patch::Patch;
 use super::scene::{Pose, Scene, View};
@@ -30,6 +31,71 @@ pub(super) struct Bundle<'a> {
     pub(super) ends: [usize; 3],
 }
 
+impl Bundle<'_> {
+    /// Returns the cards of the side that the bundle sees.
+    #[inline(always)]
+    pub(super) fn cards<'a>(&self, scene: &'a Scene) -> &'a [Card] {
+        let is_back = !matches!(self.order, Some(Order::Transmitted(_)));
+        &scene.cover.cards[usize::from(is_back)]
+    }
+
+    /// Returns the places at which the bundle's rays meet the pane's plane.
+    #[inline(always)]
+    pub(super) fn entries(&self) -> &Entries {
+        match self.order {
+            Some(_) => &self.camera.entries,
+            None => &self.camera.pinhole_entries,
+        }
+    }
+
+    /// True if outline, frame or cards may change the bundle's radiance.
+    #[inline(always)]
+    pub(super) fn is_covered(&self, scene: &Scene) -> bool {
+        !self.entries().all_glass || meets(scene, self.cards(scene), self.patch, self.path)
+    }
+
+    /// Returns the directions (x, y, 1) of the rays of sample `s`.
+    #[inline(always)]
+    pub(super) fn directions(&self, s: usize) -> [Lane; 2] {
+        let relative = match self.path {
+            Path::Lens { .. } | Path::Stack(_) => &self.camera.direction,
+            Path::Pinhole => &self.camera.film,
+        };
+        let mut direction = self.patch.center;
+        for k in 0..2 {
+            for l in 0..LANES {
+                direction[k][l] += relative[k][s][l];
+            }
+        }
+        direction
+    }
+}
+
+/// Converts inverse depths in a view to z in the lens's coordinates, for rays with these points in the plane z = 0 and
+/// directions (x, y, 1).
+#[inline(always)]
+fn view_z_m(view: &View, w: &Lane, point: &[Lane; 2], direction: &[Lane; 2]) -> Lane {
+    let mut z_m = [0.0; LANES];
+    match &view.pose {
+        Pose::Aligned { extra_m } => {
+            for l in 0..LANES {
+                z_m[l] = 1.0 / w[l] + *extra_m as f32;
+            }
+        }
+        Pose::General { rotation, translation_m } => {
+            let (m, t) = (rotation.as_mat3(), translation_m.as_vec3());
+            for l in 0..LANES {
+                let start = m.x_axis.z * point[0][l] + m.y_axis.z * point[1][l] + t.z;
+                let along =
+                    m.x_axis.z * direction[0][l] + m.y_axis.z * direction[1][l] + m.z_axis.z;
+                let z = (1.0 / w[l] - start) / along;
+                z_m[l] = if w[l] > 0.0 { z } else { f32::INFINITY };
+            }
+        }
+    }
+    z_m
+}
+
 /// Sums that receive a bundle's radiance.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Feeds {
@@ -50,6 +116,7 @@ pub(super) struct BundleRays {
     w: [Lane; CHUNK],
     walkers: Walkers,
     hits: Box<Hits>,
+    overlay: Box<Overlay>,
 }
 
 impl BundleRays {
@@ -60,6 +127,7 @@ impl BundleRays {
             w: [[0.0; LANES]; CHUNK],
             walkers: Walkers::new(),
             hits: Hits::new(),
+            overlay: Overlay::new(),
         })
     }
 
@@ -96,6 +164,10 @@ impl BundleRays {
                 pixels.iter().all(|pixel| pixel.group().spans.inside)
             }
         };
+        let is_covered = bundle.is_covered(scene);
+        if is_covered {
+            self.cover(scene, view, bundle);
+        }
         let is_bare = bundle.feeds == Feeds::Bare;
         let order = bundle.order.filter(|_| !is_bare);
         let factors = order.map_or(Factors::One, |order| self.weigh(scene, bundle, order));
@@ -109,21 +181,47 @@ impl BundleRays {
                 v[l] += lines.sy[l] * w[l];
             }
             if !is_inside {
-                lanes.count_outside(view, &u, &v, &mut misses);
+                let through = is_covered.then_some(&self.overlay.through[s]);
+                lanes.count_outside(view, [&u, &v], through, &mut misses);
             }
             if factors == Factors::Grey && bundle.feeds == Feeds::Order {
                 self.hits.locate::<true>(&lanes.texels, s, &u, &v);
             } else {
                 self.hits.locate::<false>(&lanes.texels, s, &u, &v);
             }
+            if is_covered {
+                self.hits.dim(s, &self.overlay.through[s]);
+            }
         }
         let (hits, texture, ends) = (&*self.hits, &view.texture, bundle.ends);
+        if is_covered {
+            match bundle.feeds {
+                Feeds::Order => self.overlay.add(hits, factors, ends, sums, None),
+                Feeds::Bare => self.overlay.add(hits, factors, ends, bare, None),
+                Feeds::Both => self.overlay.add(hits, factors, ends, sums, Some(&mut *bare)),
+            }
+        }
         match bundle.feeds {
             Feeds::Order => hits.add::<AVX2, false>(texture, ends, factors, sums, bare),
             Feeds::Bare => hits.add::<AVX2, false>(texture, ends, factors, bare, sums),
             Feeds::Both => hits.add::<AVX2, true>(texture, ends, factors, sums, bare),
         }
         misses
+    }
+
+    /// Finds the effects of outline, frame and cards, from the hits of the bundle's lines.
+    #[inline(always)]
+    fn cover(&mut self, scene: &Scene, view: &View, bundle: &Bundle) {
+        let (camera, count) = (bundle.camera, bundle.ends[2]);
+        self.overlay.begin(&scene.cover, bundle.entries(), bundle.order, count);
+        let cards = bundle.cards(scene);
+        let normal = scene.slab.normal.as_vec3().to_array();
+        for s in 0..if cards.is_empty() { 0 } else { count } {
+            let point = points(bundle.path, &bundle.patch.center, normal, camera, s);
+            let direction = bundle.directions(s);
+            let z_m = view_z_m(view, &self.w[s], &point, &direction);
+            self.overlay.lay(cards, s, &point, &direction, &z_m);
+        }
     }
 
     /// Walks the lines of a full chunk with the samples of one pixel in the lanes of a group: rays of one pixel cross about the
@@ -152,6 +250,15 @@ impl BundleRays {
     /// Computes the factors of a bundle's radiance.
     #[inline(always)]
     fn weigh(&mut self, scene: &Scene, bundle: &Bundle, order: Order) -> Factors {
+        let factors = self.weigh_in_glass(scene, bundle, order);
+        if order == Order::Transmitted(0) && !bundle.camera.entries.all_glass {
+            self.hits.pass_beside(&bundle.camera.entries.glass[..bundle.ends[2]]);
+        }
+        factors
+    }
+
+    #[inline(always)]
+    fn weigh_in_glass(&mut self, scene: &Scene, bundle: &Bundle, order: Order) -> Factors {
         let (slab, camera, hits) = (&scene.slab, bundle.camera, &mut *self.hits);
         if let (Path::Stack(table), Some(stack)) = (bundle.path, &scene.stack) {
             return hits.weigh(table, camera, bundle.ends[2], stack.is_coloured());

@@ -1,5 +1,6 @@
 //! Camera samples of a patch, in lanes: film point, lens point, direction, and optics of the glass in this direction.
 
+use super::cover::Entries;
 use super::lanes::{LANES, Lane, sin_cos_octant};
 use super::patch::Patch;
 use super::sampler::points;
@@ -28,6 +29,10 @@ pub(super) struct CameraChunk {
     pub(super) cell: [[u32; LANES]; CHUNK],
     /// Positions in these cells.
     pub(super) within: [Lane; CHUNK],
+    /// Places at which the rays meet the pane's plane.
+    pub(super) entries: Entries,
+    /// The same of R's rays, which pass no lens.
+    pub(super) pinhole_entries: Entries,
 }
 
 impl CameraChunk {
@@ -44,6 +49,8 @@ impl CameraChunk {
             inverse_cos_t: lanes,
             cell: [[0; LANES]; CHUNK],
             within: lanes,
+            entries: Entries::new(),
+            pinhole_entries: Entries::new(),
         })
     }
 
@@ -90,6 +97,12 @@ impl CameraChunk {
         match &scene.stack {
             None => self.fill_glass(scene, patch, count),
             Some(stack) => self.fill_stack(scene, stack, patch, count),
+        }
+        if let Some(outline) = &scene.cover.outline {
+            let (slab, center) = (&scene.slab, &patch.center);
+            let lens = Some(&self.lens);
+            self.entries.find(outline, slab, center, &self.direction, lens, count);
+            self.pinhole_entries.find(outline, slab, center, &self.film, None, count);
         }
     }
 

@@ -38,8 +38,12 @@ struct Axis {
     inside: Vec<u64>,
 }
 
-/// Returns the view of the back photograph if R has a closed form.
+/// Returns the view of the back photograph if R has a closed form: from its own centre, and with neither the pane's edges nor
+/// cards in the way.
 pub(super) fn closed_view(scene: &Scene) -> Option<&View> {
+    if scene.cover.outline.is_some() || !scene.cover.cards[1].is_empty() {
+        return None;
+    }
     match &scene.back {
         Surface::Sheet(view) if view.pose == Pose::Aligned { extra_m: 0.0 } => Some(view),
         _ => None,

@@ -30,6 +30,7 @@ mod adaptive;
 mod bundle;
 mod camera;
 mod closed;
+mod cover;
 mod fetch;
 mod footprint;
 mod grid;
@@ -52,6 +53,7 @@ mod tracer;
 mod walk;
 
 pub use adaptive::CELL_PX;
+pub use cover::{Card, Cover, Outline};
 pub use grid::Grid;
 pub use means::{PixelMeans, square_error};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshCounts, NEAR_M};

@@ -147,7 +147,7 @@ impl<'a> BundleProbe<'a> {
             Pose::Aligned { extra_m } => {
                 let [x, y] = bundle.corner;
                 let area = Area::new(self.scene, x, y, PATCH_PX);
-                span_of_area(self.scene, self.view, self.path, &area, extra_m).0
+                span_of_area(self.scene, self.view, self.path, &area, extra_m, true).0
             }
             Pose::General { .. } => span_of_lines(self.view, &bundle.grid, &bundle.lines),
         }

@@ -68,9 +68,10 @@ impl Spans {
     ) -> Found<'_> {
         let of_path = &mut self.0[bundle.number];
         let corner = bundle.patch.corner;
+        let may_pass_beside = scene.cover.may_pass_beside(bundle.order);
         let find = |x: u32, y: u32, side_px: u32| {
             let area = Area::new(scene, x, y, side_px);
-            span_of_area(scene, view, bundle.path, &area, extra_m)
+            span_of_area(scene, view, bundle.path, &area, extra_m, may_pass_beside)
         };
         let [column, row] = corner.map(|v| v / SQUARE_PX);
         let square = &mut of_path.squares[column as usize];

@@ -326,6 +326,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
         orders: OrderPlan::new(&slab, &[normal.z], [1.0; 2], 1e-5),
         slab,
         stack: None,
+        cover: Cover::default(),
         front: view(1, Pose::Aligned { extra_m: 0.0 }, 1.0).into(),
         back: view(2, pose, -1.0).into(),
     }
@@ -394,7 +395,8 @@ fn footprints_and_spans_are_conservative() {
                     let lines: Vec<Lines> = (0..CHUNK).map(|s| maker.lines(&camera, s)).collect();
                     let out_at = |w: f32| match &view.pose {
                         Pose::Aligned { extra_m } => {
-                            let (form, base) = closed_form(&scene, view, path, &area, *extra_m);
+                            let (form, base) =
+                                closed_form(&scene, view, path, &area, *extra_m, false);
                             escape((&form, base), &lanes, &lines, w)
                         }
                         Pose::General { .. } => {
@@ -410,7 +412,7 @@ fn footprints_and_spans_are_conservative() {
                     }
                     let found = match &view.pose {
                         Pose::Aligned { extra_m } => {
-                            span_of_area(&scene, view, path, &area, *extra_m).0
+                            span_of_area(&scene, view, path, &area, *extra_m, false).0
                         }
                         Pose::General { .. } => span_of_lines(view, &lanes.grid, &lines),
                     };

@@ -195,6 +195,15 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
             return;
         }
         let scene = self.scene;
+        let is_hidden = match order {
+            Some(Order::Transmitted(0)) => false,
+            Some(_) => !self.camera.entries.any_glass,
+            None => !self.camera.pinhole_entries.any_glass,
+        };
+        if is_hidden {
+            self.count_paths(place, order, feeds, ends[2], &[0; LANES]);
+            return;
+        }
         let side = usize::from(!matches!(order, Some(Order::Transmitted(_))));
         let bundle = Bundle {
             patch: &place.patch,

@@ -64,7 +64,7 @@ fn made(line: &SceneLine, image: &NamedBytes, depth: Option<&NamedBytes>) -> Loa
             depth: depth.filter(|_| has_map).cloned(),
         })
     };
-    let files = SceneFiles { front: side(&line.front), back: side(&line.back) };
+    let files = SceneFiles::new(side(&line.front), side(&line.back));
     line.validate().unwrap();
     load(line, &files).unwrap()
 }

@@ -2,6 +2,7 @@
 
 use super::super::bundle::Bundle;
 use super::super::camera::CHUNK;
+use super::super::cover::Overlay;
 use super::super::lanes::LANES;
 use super::super::lines::{Path, points};
 use super::super::means::LaneSums;
@@ -85,16 +86,35 @@ fn follow_lanes(
     for group in 0..count {
         seen[group] = mesh.see(directions[group], starts[group], LANES);
     }
+    let is_covered = bundle.is_covered(scene);
+    let mut overlay = Overlay::new();
+    if is_covered {
+        overlay.begin(&scene.cover, bundle.entries(), order, count);
+        for s in 0..count {
+            let point = points(path, &patch.center, normal, camera, s);
+            let z_m = std::array::from_fn(|l| {
+                let (group, lane) = place(s, l);
+                1.0 / seen[group].w[lane]
+            });
+            overlay.lay(bundle.cards(scene), s, &point, &bundle.directions(s), &z_m);
+        }
+    }
     let mut misses = [0; LANES];
     for s in 0..count {
-        let weight =
+        let mut weight =
             order.map_or([[1.0; LANES]; 3], |order| colour_weights(scene, bundle, order, s));
+        if order == Some(Order::Transmitted(0)) {
+            for l in (0..LANES).filter(|l| camera.entries.glass[s][*l] == 0.0) {
+                (0..3).for_each(|c| weight[c][l] = 1.0);
+            }
+        }
         let part = usize::from(s >= quarter) + usize::from(s >= half);
         for l in 0..LANES {
             let (group, lane) = place(s, l);
-            misses[l] += u32::from(seen[group].w[lane] == 0.0);
+            let (through, added) = (overlay.through[s][l], overlay.added[s][l]);
+            misses[l] += u32::from(seen[group].w[lane] == 0.0 && through > 0.0);
             for k in 0..3 {
-                let radiance = f64::from(seen[group].radiance[lane][k]);
+                let radiance = f64::from(seen[group].radiance[lane][k] * through + added[k]);
                 sums[part][l][k] += radiance * f64::from(weight[k][l]);
                 if order == Some(Order::Transmitted(0)) {
                     transmission[part][l][k] += radiance;

@@ -152,6 +152,11 @@ impl StackTable {
         shift_m(self.thickness_m, &self.crossed, cos_i)
     }
 
+    /// Bounds the shift over all angles, m.
+    pub(in super::super) fn largest_shift_m(&self) -> f64 {
+        self.shift_m(1.0e-3).abs().max(self.shift_m(1.0).abs())
+    }
+
     /// Returns the tabulated shifts of sample `s` of a chunk, m.
     #[inline(always)]
     pub(in super::super) fn shifts(&self, camera: &CameraChunk, s: usize) -> Lane {

@@ -53,6 +53,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         highlights: None,
         fill: crate::line::Fill::Smooth,
         apex: None,
+        cards: vec![],
     };
     let named = |bytes: Vec<u8>| NamedBytes { path: "edges".into(), bytes };
     let files = PhotographFiles {
