@@ -89,14 +89,6 @@ pub struct BuildRow {
 /// Callback for each class, with its name, rays, hits (1/m), and median Mrays/s of the first instruction set.
 type OnClass<'a> = dyn FnMut(&str, &BundleProbe, &[f32], f64) -> Result<(), BenchError> + 'a;
 
-/// Returns the name of an instruction set: `avx2` or `baseline`.
-pub fn isa_name(isa: Isa) -> &'static str {
-    match isa {
-        Isa::Avx2 => "avx2",
-        Isa::Baseline => "baseline",
-    }
-}
-
 /// Assembles the scene with this apex and 256 samples per pixel.
 fn scene_at(scene: &BenchScene, apex: Apex) -> Result<Scene, BenchError> {
     let mut line = scene.line.clone();
@@ -127,7 +119,7 @@ fn timed(isas: &[Isa], passes: usize, mut pass: impl FnMut(Isa) -> f64) -> Vec<T
     }
     let timed = |(isa, seconds): (&Isa, Vec<f64>)| {
         let (median_s, best_s) = median_and_best(&seconds);
-        Timed { isa: isa_name(*isa), median_s, best_s }
+        Timed { isa: isa.name(), median_s, best_s }
     };
     isas.iter().zip(seconds).map(timed).collect()
 }

@@ -40,7 +40,7 @@ pub use dump::RayDump;
 pub use error::BenchError;
 pub use error_report::{ERROR_SCHEMA, ErrorReport};
 pub use fit::Slope;
-pub use kernels::{BuildRow, KernelRow, TracerRow, grid_builds, isa_name, kernels, tracer};
+pub use kernels::{BuildRow, KernelRow, TracerRow, grid_builds, kernels, tracer};
 pub use ladder::{Ladder, LayerRow, VARIANTS, Variant, climb, slopes};
 pub use plot::error_plot;
 pub use reference::{Reference, own_reference, read_reference, reference_files};

@@ -72,6 +72,8 @@ pub(super) enum IsaChoice {
     Baseline,
     /// 256-bit vectors.
     Avx2,
+    /// 512-bit vectors.
+    Avx512,
 }
 
 /// Returns the number of compute threads.
@@ -82,12 +84,16 @@ pub(super) fn threads(global: &Global) -> usize {
 
 /// Selects the instruction set of the kernels; fails if this machine lacks it.
 pub(super) fn isa(global: &Global) -> Result<Isa, Failure> {
-    match global.isa {
-        IsaChoice::Auto => Ok(Isa::detect()),
-        IsaChoice::Baseline => Ok(Isa::Baseline),
-        IsaChoice::Avx2 if Isa::detect() == Isa::Avx2 => Ok(Isa::Avx2),
-        IsaChoice::Avx2 => Err(failure!(Exit::Usage, "this machine has no AVX2; use --isa auto")),
+    let (isa, name) = match global.isa {
+        IsaChoice::Auto => return Ok(Isa::detect()),
+        IsaChoice::Baseline => return Ok(Isa::Baseline),
+        IsaChoice::Avx2 => (Isa::Avx2, "AVX2"),
+        IsaChoice::Avx512 => (Isa::Avx512, "AVX-512"),
+    };
+    if isa.is_available() {
+        return Ok(isa);
     }
+    Err(failure!(Exit::Usage, "this machine has no {name}; use --isa auto"))
 }
 
 /// Returns the command-line name of a value.

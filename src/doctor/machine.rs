@@ -12,9 +12,10 @@ const FEWEST_OPEN_FILES: u64 = 128;
 /// Checks the processor, and its cores against the number of compute threads.
 pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
     let model = cpu_name().unwrap_or_else(|| "unknown processor".to_owned());
-    let (avx2, avx512) = (Isa::detect() == Isa::Avx2, has_avx512());
+    let [avx2, avx512] = [Isa::Avx2, Isa::Avx512].map(Isa::is_available);
     let yes = |is: bool| if is { "yes" } else { "no" };
     let taken = match isa {
+        Isa::Avx512 => "AVX-512",
         Isa::Avx2 => "AVX2",
         Isa::Baseline => "the baseline",
     };
@@ -22,14 +23,14 @@ pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
         format!("{model}; AVX2 {}, AVX-512 {}; the tracer uses {taken}", yes(avx2), yes(avx512));
     let kernels = Finding::ok("processor", text)
         .unless(
-            isa == Isa::Avx2,
+            isa != Isa::Baseline,
             Level::Warn,
             "no error: without AVX2, tracing computes the same bits, but takes a few times as long",
         )
         .with("model", model)
         .with("avx2", avx2)
         .with("avx512", avx512)
-        .with("kernels", format!("{isa:?}").to_lowercase());
+        .with("kernels", isa.name());
     let there = std::thread::available_parallelism().map_or(1, usize::from);
     let online = online().unwrap_or(there);
     let limited = if online > there {
@@ -47,17 +48,6 @@ pub fn check_cpu(isa: Isa, threads: usize) -> [Finding; 2] {
         .with("cores_of_machine", online)
         .with("threads", threads);
     [kernels, cores]
-}
-
-fn has_avx512() -> bool {
-    #[cfg(target_arch = "x86_64")]
-    {
-        std::arch::is_x86_feature_detected!("avx512f")
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    {
-        false
-    }
 }
 
 /// Returns the model name of the processor, if known.

@@ -34,7 +34,7 @@ struct Cell {
 /// Traces `tile` until the error of every cell in every layer is at most `target` (RMS over the cell, linear) or the
 /// cell has taken all samples of the scene.
 #[inline(always)]
-pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) -> TileResult {
+pub(super) fn trace<const ISA: u8>(scene: &Scene, tile: Tile, target: f64) -> TileResult {
     assert!(
         tile.x.is_multiple_of(CELL_PX) && tile.y.is_multiple_of(CELL_PX),
         "tiles of an adaptive scene begin at multiples of {CELL_PX} px"
@@ -42,7 +42,7 @@ pub(super) fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, target: f64) ->
     let closed = ClosedForm::new(scene, tile.columns(), tile.rows());
     let mut wanted = Wanted::of(scene.layers);
     wanted.clean &= closed.is_none();
-    let mut tracer = Tracer::<AVX2>::new(scene);
+    let mut tracer = Tracer::<ISA>::new(scene);
     let mut pixels = vec![PixelMeans::default(); (tile.width * tile.height) as usize];
     let (mut samples, mut sums) = (PerLayer([0u32; 4]), PerLayer([0u64; 4]));
     for y in (0..tile.height).step_by(CELL_PX as usize) {
@@ -81,9 +81,9 @@ impl Cell {
 
     /// Starts or doubles the samples of the unfinished parts with the fewest samples. Returns false if no part is left.
     #[inline(always)]
-    fn round<const AVX2: bool>(
+    fn round<const ISA: u8>(
         &mut self,
-        tracer: &mut Tracer<AVX2>,
+        tracer: &mut Tracer<ISA>,
         scene: &Scene,
         area: Tile,
         all: Wanted,

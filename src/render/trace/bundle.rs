@@ -134,7 +134,7 @@ impl BundleRays {
     /// Traces a bundle against a sheet. Adds its weighted radiance to the first sums, or the radiance of T to the second.
     /// Returns each pixel's number of misses.
     #[inline(always)]
-    pub(super) fn follow<const AVX2: bool>(
+    pub(super) fn follow<const ISA: u8>(
         &mut self,
         scene: &Scene,
         view: &View,
@@ -156,11 +156,11 @@ impl BundleRays {
         let is_inside = match found {
             Found::Shared(spans) => {
                 let group = Group { lanes: &lanes.grid, spans: &spans };
-                walk_bundle::<AVX2>(&view.grid, |_| group, lines, &mut self.walkers, w);
+                walk_bundle::<ISA>(&view.grid, |_| group, lines, &mut self.walkers, w);
                 spans.inside
             }
             Found::OfPixels(pixels) => {
-                self.walk_pixels::<AVX2>(view, pixels);
+                self.walk_pixels::<ISA>(view, pixels);
                 pixels.iter().all(|pixel| pixel.group().spans.inside)
             }
         };
@@ -202,9 +202,9 @@ impl BundleRays {
             }
         }
         match bundle.feeds {
-            Feeds::Order => hits.add::<AVX2, false>(texture, ends, factors, sums, bare),
-            Feeds::Bare => hits.add::<AVX2, false>(texture, ends, factors, bare, sums),
-            Feeds::Both => hits.add::<AVX2, true>(texture, ends, factors, sums, bare),
+            Feeds::Order => hits.add::<ISA, false>(texture, ends, factors, sums, bare),
+            Feeds::Bare => hits.add::<ISA, false>(texture, ends, factors, bare, sums),
+            Feeds::Both => hits.add::<ISA, true>(texture, ends, factors, sums, bare),
         }
         misses
     }
@@ -227,7 +227,7 @@ impl BundleRays {
     /// Walks the lines of a full chunk with the samples of one pixel in the lanes of a group: rays of one pixel cross about the
     /// same cells.
     #[inline(always)]
-    fn walk_pixels<const AVX2: bool>(&mut self, view: &View, pixels: &[OfPixel; LANES]) {
+    fn walk_pixels<const ISA: u8>(&mut self, view: &View, pixels: &[OfPixel; LANES]) {
         for s in 0..CHUNK {
             for l in 0..LANES {
                 let (from, to) = (&self.lines[s], &mut self.of_pixels[l]);
@@ -239,7 +239,7 @@ impl BundleRays {
         }
         let mut w = [[0.0; LANES]; CHUNK];
         let of = |l: usize| pixels[l].group();
-        walk_bundle::<AVX2>(&view.grid, of, &self.of_pixels, &mut self.walkers, &mut w);
+        walk_bundle::<ISA>(&view.grid, of, &self.of_pixels, &mut self.walkers, &mut w);
         for s in 0..CHUNK {
             for l in 0..LANES {
                 self.w[s][l] = w[l][s];

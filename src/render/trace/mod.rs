@@ -34,6 +34,7 @@ mod cover;
 mod fetch;
 mod footprint;
 mod grid;
+mod isa;
 mod lanes;
 mod lines;
 mod means;
@@ -55,6 +56,7 @@ mod walk;
 pub use adaptive::CELL_PX;
 pub use cover::{Card, Cover, Outline};
 pub use grid::Grid;
+pub use isa::Isa;
 pub use means::{PixelMeans, square_error};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshCounts, NEAR_M};
 pub use orders::{FollowedOrder, OrderPlan};
@@ -64,7 +66,7 @@ pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, Surface, Vi
 pub use slab::{Order, Slab};
 pub use stack::{Coating, Exit, Stack, StackLayer, StackOptics, StackOrder, StackTable};
 pub use texture::Texture;
-pub use tile::{Isa, Tile, TileResult, trace_tile};
+pub use tile::{Tile, TileResult, trace_tile};
 
 /// Version of the tracer's results; a change of a pixel or stated error must raise it. A run rejects other versions.
 pub const TRACER_VERSION: u32 = 5;

@@ -5,13 +5,13 @@
 
 use super::camera::{CHUNK, CameraChunk};
 use super::closed::closed_view;
+use super::isa::{AVX2, AVX512, BASELINE, Isa};
 use super::lanes::{LANES, Lane};
 use super::lines::{LineMaker, Path, ViewLanes, path_of, span_of_area, span_of_lines};
 use super::patch::{Area, PATCH_PX, Patch};
 use super::sampler::{PixelSeed, SeedLanes, points};
 use super::scene::{Pose, Sampling, Scene, Surface, View};
 use super::slab::Order;
-use super::tile::Isa;
 use super::walk::{GridLanes, Group, Lines, Span, Walkers, walk_bundle};
 
 /// Bundles of one order, one for each probed patch, prepared for intersection.
@@ -53,7 +53,7 @@ pub fn sample_patch(
     match isa {
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
-        Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
+        Isa::Avx2 | Isa::Avx512 if Isa::Avx2.is_available() => {
             // SAFETY: the check above found AVX2 on this machine.
             unsafe { sample_patch_avx2(sampling, seeds, first) }
         }
@@ -173,31 +173,40 @@ impl<'a> BundleProbe<'a> {
     /// of `hits` is not [`Self::len`].
     pub fn intersect(&self, isa: Isa, hits: &mut [f32]) {
         assert_eq!(hits.len(), self.len(), "a hit for each ray");
-        match isa {
-            #[cfg(target_arch = "x86_64")]
-            #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
-            Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
-                // SAFETY: the check above found AVX2 on this machine.
-                unsafe { self.intersect_avx2(hits) }
+        #[cfg(target_arch = "x86_64")]
+        #[allow(unsafe_code, reason = "calling functions compiled for AVX2 and AVX-512")]
+        if isa.is_available() {
+            match isa {
+                // SAFETY: this machine has AVX-512.
+                Isa::Avx512 => return unsafe { self.intersect_avx512(hits) },
+                // SAFETY: this machine has AVX2.
+                Isa::Avx2 => return unsafe { self.intersect_avx2(hits) },
+                Isa::Baseline => {}
             }
-            _ => self.intersect_here::<false>(hits),
         }
+        self.intersect_here::<BASELINE>(hits);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     fn intersect_avx2(&self, hits: &mut [f32]) {
-        self.intersect_here::<true>(hits);
+        self.intersect_here::<AVX2>(hits);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,avx512f,avx512vl,avx512dq,avx512bw")]
+    fn intersect_avx512(&self, hits: &mut [f32]) {
+        self.intersect_here::<AVX512>(hits);
     }
 
     #[inline(always)]
-    fn intersect_here<const AVX2: bool>(&self, hits: &mut [f32]) {
+    fn intersect_here<const ISA: u8>(&self, hits: &mut [f32]) {
         let mut walkers = Walkers::new();
         let (groups, _) = hits.as_chunks_mut::<LANES>();
         for (bundle, hits) in self.bundles.iter().zip(groups.chunks_exact_mut(CHUNK)) {
             let spans = self.span(bundle).into();
             let group = Group { lanes: &bundle.grid, spans: &spans };
-            walk_bundle::<AVX2>(&self.view.grid, |_| group, &bundle.lines, &mut walkers, hits);
+            walk_bundle::<ISA>(&self.view.grid, |_| group, &bundle.lines, &mut walkers, hits);
         }
     }
 

@@ -4,6 +4,7 @@
 
 use super::camera::{CHUNK, CameraChunk};
 use super::footprint::{Footprint, span};
+use super::isa::BASELINE;
 use super::lanes::LANES;
 use super::lines::{
     LineMaker, Path, ViewLanes, closed_form, footprint_of_lines, span_of_area, span_of_lines,
@@ -155,7 +156,7 @@ fn walks_end_where_brute_force_does() {
                 let rays: Vec<_> = (0..LANES as u64)
                     .map(|l| aimed(&grid, key << 32 | (block * LANES as u64 + l), base, exotic))
                     .collect();
-                let hits = walk::<false>(&grid, base, &group(&rays), full_span(&grid, !exotic));
+                let hits = walk::<BASELINE>(&grid, base, &group(&rays), full_span(&grid, !exotic));
                 for (ray, w) in rays.iter().zip(hits) {
                     let [x, y, sx, sy] = ray.map(f64::from);
                     let absolute = [x + f64::from(base[0]), y + f64::from(base[1]), sx, sy];
@@ -191,8 +192,8 @@ fn no_ray_leaks_between_cells() {
             .map(|l| aimed(&grid, block * LANES as u64 + l, base, false))
             .collect();
         let lines = group(&rays);
-        let inside = walk::<false>(&grid, base, &lines, span);
-        let clamped = walk::<false>(&grid, base, &lines, full_span(&grid, false));
+        let inside = walk::<BASELINE>(&grid, base, &lines, span);
+        let clamped = walk::<BASELINE>(&grid, base, &lines, full_span(&grid, false));
         assert_eq!(inside, clamped, "clamped indices change hits");
         for (ray, hit) in rays.iter().zip(inside) {
             let [x, y, sx, sy] = ray.map(f64::from);
@@ -260,7 +261,7 @@ fn another_ray_tracer_finds_the_same_hits() {
         let rays: Vec<_> = (0..LANES as u64)
             .map(|l| aimed(&grid, (block * LANES as u64 + l) * 30 + 29, [0, 0], false))
             .collect();
-        for ([x, y, sx, sy], hit) in rays.iter().copied().zip(walk::<false>(
+        for ([x, y, sx, sy], hit) in rays.iter().copied().zip(walk::<BASELINE>(
             &grid,
             [0, 0],
             &group(&rays),
@@ -418,8 +419,8 @@ fn footprints_and_spans_are_conservative() {
                     };
                     let all = full_span(&view.grid, false);
                     for group in &lines {
-                        let narrow = walk_lanes::<false>(&view.grid, &lanes.grid, group, found);
-                        let wide = walk_lanes::<false>(&view.grid, &lanes.grid, group, all);
+                        let narrow = walk_lanes::<BASELINE>(&view.grid, &lanes.grid, group, found);
+                        let wide = walk_lanes::<BASELINE>(&view.grid, &lanes.grid, group, all);
                         for l in 0..LANES {
                             if (narrow[l] - wide[l]).abs() > 2e-6 * wide[l] {
                                 let absolute = [

@@ -2,6 +2,7 @@
 
 use super::adaptive;
 use super::closed::ClosedForm;
+use super::isa::{AVX2, AVX512, BASELINE, Isa};
 use super::lanes::LANES;
 use super::means::{PixelMeans, Wanted};
 use super::patch::PATCH_PX;
@@ -52,26 +53,6 @@ pub(super) fn patches(start: u32, size: u32) -> impl Iterator<Item = u32> {
     (start / PATCH_PX * PATCH_PX..start + size).step_by(PATCH_PX as usize)
 }
 
-/// Instruction set of the kernels. All instruction sets yield the same bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Isa {
-    /// The baseline of the architecture (SSE2 on x86-64).
-    Baseline,
-    /// 256-bit vectors.
-    Avx2,
-}
-
-impl Isa {
-    /// Detects the fastest instruction set of this machine.
-    pub fn detect() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            return Self::Avx2;
-        }
-        Self::Baseline
-    }
-}
-
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileResult {
     /// Pixels in row-major order.
@@ -102,35 +83,44 @@ pub fn trace_tile(scene: &Scene, tile: Tile, samples: Range<u32>, isa: Isa) -> T
         count.is_power_of_two() && samples.start.is_multiple_of(count),
         "samples must be an aligned block"
     );
-    match isa {
-        #[cfg(target_arch = "x86_64")]
-        #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
-        Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
-            // SAFETY: the check above found AVX2 on this machine.
-            unsafe { trace_avx2(scene, tile, samples) }
+    #[cfg(target_arch = "x86_64")]
+    #[allow(unsafe_code, reason = "calling functions compiled for AVX2 and AVX-512")]
+    if isa.is_available() {
+        match isa {
+            // SAFETY: this machine has AVX-512.
+            Isa::Avx512 => return unsafe { trace_avx512(scene, tile, samples) },
+            // SAFETY: this machine has AVX2.
+            Isa::Avx2 => return unsafe { trace_avx2(scene, tile, samples) },
+            Isa::Baseline => {}
         }
-        _ => trace::<false>(scene, tile, samples),
     }
+    trace::<BASELINE>(scene, tile, samples)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn trace_avx2(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
-    trace::<true>(scene, tile, samples)
+    trace::<AVX2>(scene, tile, samples)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,avx512f,avx512vl,avx512dq,avx512bw")]
+fn trace_avx512(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
+    trace::<AVX512>(scene, tile, samples)
 }
 
 #[inline(always)]
-fn trace<const AVX2: bool>(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
+fn trace<const ISA: u8>(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileResult {
     if let Some(target) = scene.target_error {
         assert!(samples == (0..scene.spp), "an adaptive scene is not cut into ranges of samples");
-        return adaptive::trace::<AVX2>(scene, tile, target);
+        return adaptive::trace::<ISA>(scene, tile, target);
     }
     let closed = ClosedForm::new(scene, tile.columns(), tile.rows());
     let mut wanted = Wanted::of(scene.layers);
     wanted.clean &= closed.is_none();
     let count = samples.end - samples.start;
     let clean = scene.orders.clean_spp(scene.spp).clamp(samples.start, samples.end) - samples.start;
-    let mut tracer = Tracer::<AVX2>::new(scene);
+    let mut tracer = Tracer::<ISA>::new(scene);
     let mut pixels = vec![PixelMeans::default(); (tile.width * tile.height) as usize];
     for y in patches(tile.y, tile.height) {
         for x in patches(tile.x, tile.width) {

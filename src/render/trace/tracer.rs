@@ -17,6 +17,7 @@
 
 use super::bundle::{Bundle, BundleRays, Feeds};
 use super::camera::{CHUNK, CameraChunk};
+use super::isa::{BASELINE, Isa};
 use super::lanes::LANES;
 use super::lines::{Path, ViewLanes, path_of};
 use super::means::{
@@ -29,14 +30,14 @@ use super::sampler::BLOCK;
 use super::scene::{Scene, Surface};
 use super::slab::Order;
 use super::spans::Spans;
-use super::tile::Isa;
+
 use crate::layer::{Layer, PerLayer};
 use std::ops::Range;
 
 /// Tracer of a scene's patches, with counts of their paths.
 ///
-/// `AVX2` selects the kernels; only functions compiled for AVX2 set it.
-pub(super) struct Tracer<'a, const AVX2: bool> {
+/// `ISA` selects the kernels; only functions compiled for an instruction set name it.
+pub(super) struct Tracer<'a, const ISA: u8> {
     scene: &'a Scene,
     camera: Box<CameraChunk>,
     rays: Box<BundleRays>,
@@ -66,7 +67,7 @@ struct Counts {
     clean: u32,
 }
 
-impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
+impl<'a, const ISA: u8> Tracer<'a, ISA> {
     pub(super) fn new(scene: &'a Scene) -> Self {
         let sums = scene.orders.front.len() + scene.orders.back.len() + 2;
         Self {
@@ -220,10 +221,10 @@ impl<'a, const AVX2: bool> Tracer<'a, AVX2> {
         let misses = match ([&scene.front, &scene.back][side], &place.views[side]) {
             (Surface::Sheet(view), Some(lanes)) => {
                 let (spans, rays) = (&mut self.spans, &mut self.rays);
-                rays.follow::<AVX2>(scene, view, lanes, &bundle, spans, [sums, bare])
+                rays.follow::<ISA>(scene, view, lanes, &bundle, spans, [sums, bare])
             }
             (Surface::Mesh(mesh), _) => {
-                let isa = if AVX2 { Isa::Avx2 } else { Isa::Baseline };
+                let isa = if ISA == BASELINE { Isa::Baseline } else { Isa::Avx2 };
                 mesh::follow(scene, mesh, &bundle, isa, sums, bare)
             }
             (Surface::Sheet(_), None) => unreachable!("each sheet has coordinates"),

@@ -13,6 +13,7 @@ mod group;
 pub(crate) use group::{GridLanes, Group, LaneSpans, Lines, Span};
 
 use super::grid::Grid;
+use super::isa::{AVX512, BASELINE};
 use super::lanes::{LANES, Lane, floor, max, min};
 
 /// Least magnitude of a slope, so that reciprocals stay finite.
@@ -25,74 +26,83 @@ fn nonzero(s: f32) -> f32 {
 
 /// Number of rays that step together; more would not fit into the registers.
 const RAYS: usize = 8;
+/// The same of registers of 512 bits.
+const WIDE_RAYS: usize = 16;
 
-/// Number of parts of eight rays in a bundle of 256.
+/// Number of parts of [`RAYS`] or [`WIDE_RAYS`] in a bundle of 256.
 const PARTS: usize = 32;
+const WIDE_PARTS: usize = 16;
 
-/// State of eight rays during a walk.
+/// State of `N` rays during a walk.
 #[derive(Clone, Copy)]
-struct Rays {
-    x: [f32; RAYS],
-    y: [f32; RAYS],
-    sx: [f32; RAYS],
-    sy: [f32; RAYS],
-    inv_sx: [f32; RAYS],
-    inv_sy: [f32; RAYS],
-    inv_sd: [f32; RAYS],
+struct Rays<const N: usize> {
+    x: [f32; N],
+    y: [f32; N],
+    sx: [f32; N],
+    sy: [f32; N],
+    inv_sx: [f32; N],
+    inv_sy: [f32; N],
+    inv_sd: [f32; N],
     /// Edges at which a ray leaves cell (0, 0), and the cell's diagonal, relative to the line's origin.
-    edge_x: [f32; RAYS],
-    edge_y: [f32; RAYS],
-    edge_d: [f32; RAYS],
-    step_i: [f32; RAYS],
-    step_j: [f32; RAYS],
-    step_row: [i32; RAYS],
+    edge_x: [f32; N],
+    edge_y: [f32; N],
+    edge_d: [f32; N],
+    step_i: [f32; N],
+    step_j: [f32; N],
+    step_row: [i32; N],
     /// 1 if a ray enters a cell through its lower triangle.
-    lower_first: [u32; RAYS],
+    lower_first: [u32; N],
     /// Cell of a ray, relative to the base, and its index in the grid.
-    i: [f32; RAYS],
-    j: [f32; RAYS],
-    cell: [i32; RAYS],
+    i: [f32; N],
+    j: [f32; N],
+    cell: [i32; N],
     /// Inverse depth at which a ray enters its cell.
-    w_in: [f32; RAYS],
-    hit_w: [f32; RAYS],
-    active: [u32; RAYS],
+    w_in: [f32; N],
+    hit_w: [f32; N],
+    active: [u32; N],
 }
 
-/// State of the rays of one bundle. All bundles reuse this memory.
-pub(crate) struct Walkers(Vec<Rays>);
+impl<const N: usize> Rays<N> {
+    const fn new() -> Self {
+        Self {
+            x: [0.0; N],
+            y: [0.0; N],
+            sx: [0.0; N],
+            sy: [0.0; N],
+            inv_sx: [0.0; N],
+            inv_sy: [0.0; N],
+            inv_sd: [0.0; N],
+            edge_x: [0.0; N],
+            edge_y: [0.0; N],
+            edge_d: [0.0; N],
+            step_i: [0.0; N],
+            step_j: [0.0; N],
+            step_row: [0; N],
+            lower_first: [0; N],
+            i: [0.0; N],
+            j: [0.0; N],
+            cell: [0; N],
+            w_in: [0.0; N],
+            hit_w: [0.0; N],
+            active: [0; N],
+        }
+    }
+}
+
+/// State of the rays of one bundle, in parts of both sizes. All bundles reuse this memory.
+pub(crate) struct Walkers {
+    parts: Vec<Rays<RAYS>>,
+    wide: Vec<Rays<WIDE_RAYS>>,
+}
 
 impl Walkers {
     pub(crate) fn new() -> Self {
-        let (zero, none) = ([0.0; RAYS], [0; RAYS]);
-        let rays = Rays {
-            x: zero,
-            y: zero,
-            sx: zero,
-            sy: zero,
-            inv_sx: zero,
-            inv_sy: zero,
-            inv_sd: zero,
-            edge_x: zero,
-            edge_y: zero,
-            edge_d: zero,
-            step_i: zero,
-            step_j: zero,
-            step_row: [0; RAYS],
-            lower_first: none,
-            i: zero,
-            j: zero,
-            cell: [0; RAYS],
-            w_in: zero,
-            hit_w: zero,
-            active: none,
-        };
-        Self(vec![rays; PARTS])
+        Self { parts: vec![Rays::new(); PARTS], wide: vec![Rays::new(); WIDE_PARTS] }
     }
+}
 
-    fn as_array(&mut self) -> &mut [Rays; PARTS] {
-        let (parts, _) = self.0.as_chunks_mut();
-        &mut parts[0]
-    }
+fn as_array<T, const N: usize>(parts: &mut [T]) -> &mut [T; N] {
+    parts.first_chunk_mut().expect("all parts")
 }
 
 /// Grid of a bundle's walks.
@@ -110,40 +120,46 @@ struct Ground<'a> {
 /// All parts take a step, then the parts with unfinished rays take one more step a round. Steps of different parts
 /// are independent, so they can overlap, and no branch depends on the length of a single walk.
 #[inline(always)]
-pub(crate) fn walk_bundle<'a, const AVX2: bool>(
+pub(crate) fn walk_bundle<'a, const ISA: u8>(
     grid: &Grid,
     of: impl Fn(usize) -> Group<'a>,
     lines: &[Lines],
     walkers: &mut Walkers,
     hits: &mut [Lane],
 ) {
-    walk_groups::<AVX2, false>(grid, &of, lines, walkers, hits);
-    walk_groups::<AVX2, true>(grid, &of, lines, walkers, hits);
+    if ISA == AVX512 {
+        let parts: &mut [_; WIDE_PARTS] = as_array(&mut walkers.wide);
+        walk_groups::<ISA, false, _, _>(grid, &of, lines, parts, hits);
+        walk_groups::<ISA, true, _, _>(grid, &of, lines, parts, hits);
+    } else {
+        let parts: &mut [_; PARTS] = as_array(&mut walkers.parts);
+        walk_groups::<ISA, false, _, _>(grid, &of, lines, parts, hits);
+        walk_groups::<ISA, true, _, _>(grid, &of, lines, parts, hits);
+    }
 }
 
 /// Walks the groups that stay inside the grid or, with `CLAMP`, the others.
 #[inline(always)]
-fn walk_groups<'a, const AVX2: bool, const CLAMP: bool>(
+fn walk_groups<'a, const ISA: u8, const CLAMP: bool, const N: usize, const P: usize>(
     grid: &Grid,
     of: &impl Fn(usize) -> Group<'a>,
     lines: &[Lines],
-    walkers: &mut Walkers,
+    parts: &mut [Rays<N>; P],
     hits: &mut [Lane],
 ) {
     let ground = Ground::new(grid);
-    let parts: &mut [Rays; PARTS] = walkers.as_array();
-    let mut waiting = [0u8; PARTS];
+    let mut waiting = [0u8; P];
     let mut count = 0;
     for (g, lines) in lines.iter().enumerate() {
         let group = of(g);
         if group.spans.inside == CLAMP {
             continue;
         }
-        for half in 0..LANES / RAYS {
-            let part = g * (LANES / RAYS) + half;
+        for half in 0..LANES / N {
+            let part = g * (LANES / N) + half;
             let rays = &mut parts[part];
-            ground.start::<CLAMP>(group, lines, half * RAYS, rays);
-            let any = ground.step::<AVX2, CLAMP>(group, half * RAYS, rays);
+            ground.start::<CLAMP, N>(group, lines, half * N, rays);
+            let any = ground.step::<ISA, CLAMP, N>(group, half * N, rays);
             waiting[count] = part as u8;
             count += usize::from(any != 0);
         }
@@ -153,10 +169,9 @@ fn walk_groups<'a, const AVX2: bool, const CLAMP: bool>(
         count = 0;
         for k in 0..waited {
             let part = waiting[k];
-            let (g, half) =
-                (usize::from(part) / (LANES / RAYS), usize::from(part) % (LANES / RAYS));
-            let rays = &mut parts[usize::from(part) % PARTS];
-            let any = ground.step::<AVX2, CLAMP>(of(g), half * RAYS, rays);
+            let (g, half) = (usize::from(part) / (LANES / N), usize::from(part) % (LANES / N));
+            let rays = &mut parts[usize::from(part) % P];
+            let any = ground.step::<ISA, CLAMP, N>(of(g), half * N, rays);
             waiting[count] = part;
             count += usize::from(any != 0);
         }
@@ -165,27 +180,22 @@ fn walk_groups<'a, const AVX2: bool, const CLAMP: bool>(
         if of(g).spans.inside == CLAMP {
             continue;
         }
-        for half in 0..LANES / RAYS {
-            hits[half * RAYS..][..RAYS].copy_from_slice(&parts[g * (LANES / RAYS) + half].hit_w);
+        for half in 0..LANES / N {
+            hits[half * N..][..N].copy_from_slice(&parts[g * (LANES / N) + half].hit_w);
         }
     }
 }
 
 /// Calls [`walk_bundle`] for sixteen lines relative to one grid point.
 #[cfg(test)]
-pub(crate) fn walk<const AVX2: bool>(
-    grid: &Grid,
-    base: [i32; 2],
-    lines: &Lines,
-    span: Span,
-) -> Lane {
+pub(crate) fn walk<const ISA: u8>(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane {
     let lanes = GridLanes::new(grid, base.map(|v| [v; LANES]));
-    walk_lanes::<AVX2>(grid, &lanes, lines, span)
+    walk_lanes::<ISA>(grid, &lanes, lines, span)
 }
 
 /// Calls [`walk_bundle`] for sixteen lines.
 #[cfg(test)]
-pub(crate) fn walk_lanes<const AVX2: bool>(
+pub(crate) fn walk_lanes<const ISA: u8>(
     grid: &Grid,
     lanes: &GridLanes,
     lines: &Lines,
@@ -195,7 +205,7 @@ pub(crate) fn walk_lanes<const AVX2: bool>(
     let lines = std::slice::from_ref(lines);
     let spans = span.into();
     let of = |_| Group { lanes, spans: &spans };
-    walk_bundle::<AVX2>(grid, of, lines, &mut Walkers::new(), &mut hits);
+    walk_bundle::<ISA>(grid, of, lines, &mut Walkers::new(), &mut hits);
     hits[0]
 }
 
@@ -208,14 +218,20 @@ impl<'a> Ground<'a> {
         Self { w, nx, ny, last_cell: ((ny - 2) * nx + nx - 2) as u32 }
     }
 
-    /// Places lines `first..first + RAYS` at the start of the bundle's span.
+    /// Places lines `first..first + N` at the start of the bundle's span.
     #[inline(always)]
-    fn start<const CLAMP: bool>(&self, group: Group, lines: &Lines, first: usize, r: &mut Rays) {
-        let [first_x, first_y] = part(&group.lanes.first, first);
-        let [last_x, last_y] = part(&group.lanes.last, first);
-        let hi = eight(&group.spans.hi, first);
-        let base_cell = eight(&group.lanes.cell, first);
-        for l in 0..RAYS {
+    fn start<const CLAMP: bool, const N: usize>(
+        &self,
+        group: Group,
+        lines: &Lines,
+        first: usize,
+        r: &mut Rays<N>,
+    ) {
+        let [first_x, first_y] = part::<N>(&group.lanes.first, first);
+        let [last_x, last_y] = part::<N>(&group.lanes.last, first);
+        let hi = some::<_, N>(&group.spans.hi, first);
+        let base_cell = some::<_, N>(&group.lanes.cell, first);
+        for l in 0..N {
             r.x[l] = lines.x[first + l];
             r.y[l] = lines.y[first + l];
             r.sx[l] = nonzero(lines.sx[first + l]);
@@ -252,20 +268,20 @@ impl<'a> Ground<'a> {
         unsafe_code,
         reason = "a bounds check for each corner of each cell would double the loop's cost"
     )]
-    fn corners<const AVX2: bool, const CLAMP: bool>(
+    fn corners<const ISA: u8, const CLAMP: bool, const N: usize>(
         &self,
         group: Group,
         first: usize,
-        r: &Rays,
-    ) -> [[f32; RAYS]; 4] {
-        let (mut w00, mut w10) = ([0f32; RAYS], [0f32; RAYS]);
-        let (mut w01, mut w11) = ([0f32; RAYS], [0f32; RAYS]);
+        r: &Rays<N>,
+    ) -> [[f32; N]; 4] {
+        let (mut w00, mut w10) = ([0f32; N], [0f32; N]);
+        let (mut w01, mut w11) = ([0f32; N], [0f32; N]);
         if CLAMP {
-            let [first_x, first_y] = part(&group.lanes.first, first);
-            let [last_x, last_y] = part(&group.lanes.last, first);
-            let base_cell = eight(&group.lanes.cell, first);
-            let (mut q, mut right, mut down) = ([0u32; RAYS], [0u32; RAYS], [0u32; RAYS]);
-            for l in 0..RAYS {
+            let [first_x, first_y] = part::<N>(&group.lanes.first, first);
+            let [last_x, last_y] = part::<N>(&group.lanes.last, first);
+            let base_cell = some::<_, N>(&group.lanes.cell, first);
+            let (mut q, mut right, mut down) = ([0u32; N], [0u32; N], [0u32; N]);
+            for l in 0..N {
                 let (_, column) = floor(min(max(r.i[l], first_x[l]), last_x[l]));
                 let (_, row) = floor(min(max(r.j[l], first_y[l]), last_y[l]));
                 let cell = row.wrapping_mul(self.nx).wrapping_add(column);
@@ -274,7 +290,7 @@ impl<'a> Ground<'a> {
                 let has_row_below = (r.j[l] >= first_y[l]) & (r.j[l] < last_y[l]);
                 down[l] = if has_row_below { self.nx as u32 } else { 0 };
             }
-            for l in 0..RAYS {
+            for l in 0..N {
                 let (q, right, down) = (q[l] as usize, right[l] as usize, down[l] as usize);
                 w00[l] = self.w[q];
                 w10[l] = self.w[(q + right).min(self.w.len() - 1)];
@@ -282,40 +298,48 @@ impl<'a> Ground<'a> {
                 w11[l] = self.w[(q + right + down).min(self.w.len() - 1)];
             }
         } else {
-            let mut q = [0u32; RAYS];
-            for l in 0..RAYS {
+            let mut q = [0u32; N];
+            for l in 0..N {
                 q[l] = (r.cell[l] as u32).min(self.last_cell);
             }
-            // SAFETY: q <= last_cell = (ny - 2) nx + nx - 2, so q + nx + 1 <= ny nx - 1 < w.len(); only functions
-            // compiled for AVX2 set `AVX2`.
-            [w00, w10, w01, w11] = unsafe {
-                #[cfg(target_arch = "x86_64")]
-                if AVX2 {
-                    corners_avx2(self.w, self.nx as usize, &q)
-                } else {
-                    corners(self.w, self.nx as usize, &q)
+            for first in (0..N).step_by(RAYS) {
+                let q = some::<_, RAYS>(&q, first);
+                // SAFETY: q <= last_cell = (ny - 2) nx + nx - 2, so q + nx + 1 <= ny nx - 1 < w.len(); only functions
+                // compiled for AVX2 have another `ISA` than the baseline.
+                let eight = unsafe {
+                    #[cfg(target_arch = "x86_64")]
+                    if ISA == BASELINE {
+                        corners(self.w, self.nx as usize, q)
+                    } else {
+                        corners_avx2(self.w, self.nx as usize, q)
+                    }
+                    #[cfg(not(target_arch = "x86_64"))]
+                    corners(self.w, self.nx as usize, q)
+                };
+                for (corner, eight) in
+                    [&mut w00, &mut w10, &mut w01, &mut w11].into_iter().zip(&eight)
+                {
+                    corner[first..][..RAYS].copy_from_slice(eight);
                 }
-                #[cfg(not(target_arch = "x86_64"))]
-                corners(self.w, self.nx as usize, &q)
-            };
+            }
         }
         [w00, w10, w01, w11]
     }
 
-    /// Moves each ray, in lanes `first..first + RAYS`, through its cell. Returns 0 if all rays have hit the sheet.
+    /// Moves each ray, in lanes `first..first + N`, through its cell. Returns 0 if all rays have hit the sheet.
     #[inline(always)]
-    fn step<const AVX2: bool, const CLAMP: bool>(
+    fn step<const ISA: u8, const CLAMP: bool, const N: usize>(
         &self,
         group: Group,
         first: usize,
-        r: &mut Rays,
+        r: &mut Rays<N>,
     ) -> u32 {
-        let [w00, w10, w01, w11] = self.corners::<AVX2, CLAMP>(group, first, r);
-        let [first_x, first_y] = part(&group.lanes.first, first);
-        let [last_x, last_y] = part(&group.lanes.last, first);
-        let lo = eight(&group.spans.lo, first);
+        let [w00, w10, w01, w11] = self.corners::<ISA, CLAMP, N>(group, first, r);
+        let [first_x, first_y] = part::<N>(&group.lanes.first, first);
+        let [last_x, last_y] = part::<N>(&group.lanes.last, first);
+        let lo = some::<_, N>(&group.spans.lo, first);
         let mut any = 0u32;
-        for l in 0..RAYS {
+        for l in 0..N {
             // Inverse depths at which the line reaches the cell's edges.
             let (mut wx, mut wy) =
                 ((r.i[l] + r.edge_x[l]) * r.inv_sx[l], (r.j[l] + r.edge_y[l]) * r.inv_sy[l]);
@@ -368,16 +392,16 @@ impl<'a> Ground<'a> {
     }
 }
 
-/// Returns the eight lanes from `first` on.
+/// Returns `N` lanes from `first` on.
 #[inline(always)]
-fn eight<T>(lanes: &[T; LANES], first: usize) -> &[T; RAYS] {
-    lanes[first..].first_chunk().expect("eight lanes")
+fn some<T, const N: usize>(lanes: &[T], first: usize) -> &[T; N] {
+    lanes[first..].first_chunk().expect("N lanes")
 }
 
-/// Returns the eight lanes from `first` on of both axes.
+/// Returns `N` lanes from `first` on of both axes.
 #[inline(always)]
-fn part(lanes: &[Lane; 2], first: usize) -> [&[f32; RAYS]; 2] {
-    [eight(&lanes[0], first), eight(&lanes[1], first)]
+fn part<const N: usize>(lanes: &[Lane; 2], first: usize) -> [&[f32; N]; 2] {
+    [some(&lanes[0], first), some(&lanes[1], first)]
 }
 
 /// Loads the inverse depths at the corners of eight cells: upper left (`q`), upper right, lower left, lower right.

@@ -1,8 +1,8 @@
 //! `bench error`: measures the error of renderings against a reference.
 
 use crate::bench::{
-    BenchError, ERROR_SCHEMA, ErrorReport, Ladder, VARIANTS, Work, climb, cpu_name, isa_name,
-    own_reference, pair, read_reference, reference_files, slopes,
+    BenchError, ERROR_SCHEMA, ErrorReport, Ladder, VARIANTS, Work, climb, cpu_name, own_reference,
+    pair, read_reference, reference_files, slopes,
 };
 use crate::cli::args::{Global, RootArgs, isa, parse_spp, threads};
 use crate::cli::commands::bench::read_scene;
@@ -113,7 +113,7 @@ pub(super) fn run(
         scene: &scene.name,
         film: [film.width, film.height],
         tracer_version: TRACER_VERSION,
-        isa: isa_name(isa),
+        isa: isa.name(),
         threads,
         cpu: cpu_name(),
         seeds: ladder.seeds,

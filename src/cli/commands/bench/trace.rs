@@ -1,8 +1,8 @@
 //! `bench trace`: measures the speed of the tracer on one core.
 
 use crate::bench::{
-    BenchScene, BuildRow, KernelRow, RayDump, TracerRow, cpu_name, grid_builds, indoor, isa_name,
-    kernels, on_cpu, outdoor, stress, tracer,
+    BenchScene, BuildRow, KernelRow, RayDump, TracerRow, cpu_name, grid_builds, indoor, kernels,
+    on_cpu, outdoor, stress, tracer,
 };
 use crate::cli::args::{Global, IsaChoice, RootArgs, isa};
 use crate::cli::commands::bench::read_scene;
@@ -52,7 +52,9 @@ pub(super) fn run(
 ) -> Result<Exit, Failure> {
     let roots = Roots::parse(&args.roots.roots)?;
     let isas = match (global.isa, isa(global)?) {
-        (IsaChoice::Auto, Isa::Avx2) => vec![Isa::Avx2, Isa::Baseline],
+        (IsaChoice::Auto, _) => {
+            Isa::ALL.into_iter().rev().filter(|isa| isa.is_available()).collect()
+        }
         (_, isa) => vec![isa],
     };
     let mut scenes = Vec::new();
@@ -87,7 +89,7 @@ pub(super) fn run(
         cpu: cpu_name(),
         tracer_version: TRACER_VERSION,
         passes: args.passes,
-        isas: isas.iter().map(|isa| isa_name(*isa)).collect(),
+        isas: isas.iter().map(|isa| isa.name()).collect(),
         kernels,
         tracer: tracers,
         grids: builds,

@@ -38,7 +38,7 @@ impl Card {
         Self {
             normal: normal.as_vec3(),
             height_m: normal.dot(corner) as f32,
-            gradients: gradients.map(|gradient| gradient.as_vec3()),
+            gradients: gradients.map(DVec3::as_vec3),
             at_origin: gradients.map(|gradient| -gradient.dot(corner) as f32),
             seen,
             nearest_z_m,
@@ -63,7 +63,7 @@ impl Card {
             let (x, y) = (px + z * dx, py + z * dy);
             let u = x * across.x + y * across.y + z * across.z + self.at_origin[0];
             let v = x * down.x + y * down.y + z * down.z + self.at_origin[1];
-            let is_on = (u >= 0.0) & (u <= 1.0) & (v >= 0.0) & (v <= 1.0);
+            let is_on = (0.0..=1.0).contains(&u) & (0.0..=1.0).contains(&v);
             hit[l] = u32::from(is_on & (z > 0.0) & (z < surface_z_m[l]));
             (at[0][l], at[1][l]) = (u, v);
         }

@@ -56,7 +56,7 @@ impl Entries {
     ) {
         let normal = slab.normal.as_vec3();
         let (plane_m, distance_m) = (slab.plane_distance_m as f32, outline.distance_m as f32);
-        let axes = outline.axes.map(|axis| axis.as_vec3());
+        let axes = outline.axes.map(DVec3::as_vec3);
         let of_glass = outline.glass_m;
         let of_frame = of_glass.map(|[lo, hi]| [lo - outline.frame_m, hi + outline.frame_m]);
         let [of_glass, of_frame] = [of_glass, of_frame].map(|of| of.map(|of| of.map(|v| v as f32)));

@@ -3,13 +3,13 @@
 use super::super::bundle::Bundle;
 use super::super::camera::CHUNK;
 use super::super::cover::Overlay;
+use super::super::isa::Isa;
 use super::super::lanes::LANES;
 use super::super::lines::{Path, points};
 use super::super::means::LaneSums;
 use super::super::scene::Scene;
 use super::super::shade::{absorbed, weights};
 use super::super::slab::Order;
-use super::super::tile::Isa;
 use super::project::{Mesh, Seen};
 
 // Samples and pixels of a chunk change places.
@@ -32,7 +32,7 @@ pub(in super::super) fn follow(
     match isa {
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
-        Isa::Avx2 if std::arch::is_x86_feature_detected!("avx2") => {
+        Isa::Avx2 | Isa::Avx512 if Isa::Avx2.is_available() => {
             // SAFETY: the check above found AVX2 on this machine.
             unsafe { follow_avx2(scene, mesh, bundle, sums, transmission) }
         }

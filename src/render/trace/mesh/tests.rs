@@ -11,6 +11,7 @@ use super::super::tests::{full_span, random, scene};
 use super::super::walk::walk_lanes;
 use super::super::{Pose, Surface, View};
 use super::*;
+use crate::trace::isa::BASELINE;
 use glam::{DMat3, DVec3};
 
 /// Hashes a key to a number in [-1, 1).
@@ -373,7 +374,7 @@ fn a_sheet_and_its_mesh_are_hit_alike() {
                 for s in 0..CHUNK {
                     let lines = maker.lines(&camera, s);
                     let span = full_span(&view.grid, false);
-                    let w = walk_lanes::<false>(&view.grid, &lanes.grid, &lines, span);
+                    let w = walk_lanes::<BASELINE>(&view.grid, &lanes.grid, &lines, span);
                     let d: [Lane; 2] = std::array::from_fn(|k| {
                         std::array::from_fn(|l| patch.center[k][l] + camera.direction[k][s][l])
                     });

@@ -9,6 +9,7 @@ use super::{LANES, full_span, random};
 use crate::formats::{NamedBytes, PhotographFiles};
 use crate::line::{Photograph, Transfer};
 use crate::scene::decode_photograph;
+use crate::trace::isa::{AVX2, AVX512, BASELINE};
 use crate::trace::lanes::Lane;
 use crate::trace::walk::{Lines, Span, walk};
 use crate::trace::{Grid, Isa};
@@ -301,7 +302,13 @@ fn stays_inside(grid: &Grid, [x, y, sx, sy]: [f64; 4]) -> bool {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn walk_avx2(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane {
-    walk::<true>(grid, base, lines, span)
+    walk::<AVX2>(grid, base, lines, span)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,avx512f,avx512vl,avx512dq,avx512bw")]
+fn walk_avx512(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane {
+    walk::<AVX512>(grid, base, lines, span)
 }
 
 /// Calls the kernel that a run uses on this machine.
@@ -311,7 +318,11 @@ fn walk_fastest(grid: &Grid, base: [i32; 2], lines: &Lines, span: Span) -> Lane 
         #[allow(unsafe_code, reason = "calling a function compiled for AVX2")]
         // SAFETY: `detect` found AVX2 on this machine.
         Isa::Avx2 => unsafe { walk_avx2(grid, base, lines, span) },
-        _ => walk::<false>(grid, base, lines, span),
+        #[cfg(target_arch = "x86_64")]
+        #[allow(unsafe_code, reason = "calling a function compiled for AVX-512")]
+        // SAFETY: `detect` found AVX-512 on this machine.
+        Isa::Avx512 => unsafe { walk_avx512(grid, base, lines, span) },
+        _ => walk::<BASELINE>(grid, base, lines, span),
     }
 }
 
@@ -340,7 +351,7 @@ fn shoot(
         let span = full_span(grid, is_inside);
         let hits = walk_fastest(grid, base, &lines, span);
         if group % 8 == 0 {
-            let baseline = walk::<false>(grid, base, &lines, span);
+            let baseline = walk::<BASELINE>(grid, base, &lines, span);
             assert_eq!(hits, baseline, "the kernels differ");
         }
         for (a, hit) in aimed.iter().zip(hits) {
