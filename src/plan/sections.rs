@@ -78,6 +78,7 @@ pub(super) fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
         }),
         layers: vec![],
         coatings: vec![],
+        bow_radius_m: None,
         outline: None,
     }
 }

@@ -4,8 +4,8 @@ use crate::cover::Covered;
 use glam::{DMat3, DVec3};
 use render::layer::PerLayer;
 use render::trace::{
-    FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, Sampling, Scene, Slab,
-    Stack, StackOptics, Texture, Tile, TileResult, View, trace_tile,
+    Bow, FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, Sampling, Scene,
+    Slab, Stack, StackOptics, Texture, Tile, TileResult, View, trace_tile,
 };
 
 /// Indices of the layers.
@@ -94,6 +94,8 @@ pub(crate) struct Case {
     pub(crate) absorption_per_m: [f64; 3],
     /// Layers and coatings in place of thickness, index and absorption.
     pub(crate) stack: Option<Stack>,
+    /// Radius of a bent pane.
+    pub(crate) bow_radius_m: Option<f64>,
     /// Objects that cover a part of the picture.
     pub(crate) covered: Covered,
     pub(crate) tilt_deg: [f64; 2],
@@ -118,6 +120,7 @@ impl Case {
             ior: 1.6,
             absorption_per_m: [0.0; 3],
             stack: None,
+            bow_radius_m: None,
             covered: Covered::default(),
             tilt_deg: [0.0; 2],
             apex: Apex::Mirror,
@@ -233,6 +236,10 @@ impl Case {
             orders,
             slab,
             stack,
+            bow: self.bow_radius_m.map(|radius_m| Bow {
+                curvature_per_m: 1.0 / radius_m,
+                distance_m: self.distance_m,
+            }),
             cover: self.covered.cover(self),
             front: front.into(),
             back: back.into(),

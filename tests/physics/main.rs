@@ -6,6 +6,7 @@
 #![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 #![allow(clippy::items_after_statements, reason = "constants of a test are next to their use")]
 
+mod bow;
 mod case;
 mod checkerboard;
 mod constant_depth;

@@ -29,7 +29,7 @@ impl Exit {
 }
 
 /// Returns the refracted direction and the reflectances (s, p) at a face from `n1` to `n2`; `normal` points to `n2`.
-fn face(d: DVec3, normal: DVec3, n1: f64, n2: f64) -> (DVec3, [f64; 2]) {
+pub(crate) fn face(d: DVec3, normal: DVec3, n1: f64, n2: f64) -> (DVec3, [f64; 2]) {
     let cos_i = d.dot(normal);
     // |d x n| is accurate at small angles, where 1 - cos^2 loses digits.
     let sin_t = n1 / n2 * d.cross(normal).length();
@@ -40,7 +40,7 @@ fn face(d: DVec3, normal: DVec3, n1: f64, n2: f64) -> (DVec3, [f64; 2]) {
     (refracted, [r_s * r_s, r_p * r_p])
 }
 
-fn mirrored(d: DVec3, normal: DVec3) -> DVec3 {
+pub(crate) fn mirrored(d: DVec3, normal: DVec3) -> DVec3 {
     d - 2.0 * d.dot(normal) * normal
 }
 

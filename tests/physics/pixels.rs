@@ -182,6 +182,32 @@ fn covered_panes_match_with_both_apexes() {
     compare("steps and noise, camera, cards", &case);
 }
 
+/// Bent panes of both signs, alone and with frame and cards.
+#[test]
+fn bent_panes_match_with_both_apexes() {
+    let mut case = case(Relief::Steps, Relief::Noise);
+    (case.tolerance, case.absorption_per_m) = (1e-7, [3.0, 1.0, 8.0]);
+    for (radius_m, tilt_deg, apex, gaussian) in [
+        (8.0, [0.0, 0.0], Apex::Mirror, false),
+        (-3.0, [0.0, 0.0], Apex::Camera, true),
+        (-8.0, [-12.0, 20.0], Apex::Mirror, true),
+        (1.5, [10.0, -25.0], Apex::Camera, false),
+    ] {
+        case.bow_radius_m = Some(radius_m);
+        (case.tilt_deg, case.apex, case.gaussian) = (tilt_deg, apex, gaussian);
+        compare(&format!("steps and noise, radius {radius_m} m, {apex:?}"), &case);
+    }
+    case.covered.edges = Some(Edges {
+        x_m: [-0.06, 0.05],
+        y_m: [-0.045, 0.07],
+        frame_m: 0.02,
+        frame_radiance: [0.3, 0.2, 0.1],
+    });
+    let card = noisy_card(0.7, [0.1, 0.0], 0.4, 3);
+    case.covered.cards = [vec![card.clone()], vec![card]];
+    compare("steps and noise, radius 1.5 m, camera, frame and cards", &case);
+}
+
 #[test]
 fn weak_orders_match_over_several_blocks() {
     let mut case = case(Relief::Smooth, Relief::Steps);

@@ -1,5 +1,6 @@
 //! A brute-force f64 renderer: tries every triangle or, if depths differ much, every triangle near a line.
 
+use crate::bow::BentPane;
 use crate::case::{Apex, Case, Photo};
 use crate::cover::Place;
 use crate::optics::Pane;
@@ -262,12 +263,26 @@ impl<'a> Reference<'a> {
         if let (Some(stack), Some(optics)) = (&self.case.stack, &self.scene.stack) {
             return self.behind_stack((stack, optics), order, origin, d);
         }
-        let exit = self.pane.exit(origin, d, order);
+        let exit = match self.bent() {
+            Some(bent) => bent.follow(origin, d, order),
+            None => self.pane.exit(origin, d, order),
+        };
         let radiance = match order {
             Order::Transmitted(_) => self.seen_in_front(exit.point, exit.direction),
             Order::Reflected(_) => self.seen_in_back(exit.point, exit.direction),
         };
         (radiance, exit.weight())
+    }
+
+    fn bent(&self) -> Option<BentPane> {
+        Some(BentPane {
+            normal: self.pane.normal,
+            pivot: self.case.distance_m * DVec3::Z,
+            radius_m: self.case.bow_radius_m?,
+            thickness_m: self.pane.thickness_m,
+            ior: self.pane.ior,
+            absorption_per_m: self.pane.absorption_per_m,
+        })
     }
 
     /// [`Self::behind_glass`] of a stack, by the closed forms in f64, which are compared with rays traced from face to face elsewhere.
@@ -358,7 +373,9 @@ impl<'a> Reference<'a> {
         }
         let clean = orders.clean_spp(spp);
         let covered = &self.case.covered;
-        let is_covered = covered.edges.is_some() || !covered.cards[1].is_empty();
+        let is_covered = covered.edges.is_some()
+            || !covered.cards[1].is_empty()
+            || self.case.bow_radius_m.is_some();
         let has_closed_form = self.case.apex == Apex::Mirror && !is_covered;
         for s in 0..clean {
             let (pinhole, _, _) = self.camera(x, y, sample(&seed, s));
@@ -382,6 +399,10 @@ impl<'a> Reference<'a> {
 
     /// Returns the point of the pane that a ray from the pinhole meets, and the ray's mirrored direction.
     fn mirrored(&self, pinhole: DVec3) -> (DVec3, DVec3) {
+        if let Some(bent) = self.bent() {
+            let point = bent.entry(DVec3::ZERO, pinhole);
+            return (point, bent.reflected(point, pinhole));
+        }
         let (n, distance) = (self.pane.normal, self.pane.distance_m);
         (distance / pinhole.dot(n) * pinhole, pinhole - 2.0 * pinhole.dot(n) * n)
     }

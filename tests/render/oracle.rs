@@ -73,6 +73,12 @@ fn a_covered_pane_agrees() {
     agrees("windows/cover");
 }
 
+/// A pane bent to spheres: its orders leave in different directions.
+#[test]
+fn a_bent_pane_agrees() {
+    agrees("windows/bowed");
+}
+
 /// Renders the scene of an oracle, and compares each layer with its reference.
 fn agrees(name: &str) {
     let Some(folder) = oracle(name) else { return };

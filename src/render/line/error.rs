@@ -45,6 +45,15 @@ pub enum LineError {
         "glass.coatings[{index}].face is {face}, like that of an earlier coating: keep one for each face"
     )]
     FaceTwice { index: usize, face: u32 },
+    #[error(
+        "glass.bow_radius_m is {radius_m}, but must be finite and not 0: leave it out for a flat pane"
+    )]
+    BowRadius { radius_m: f64 },
+    /// A bent pane of several layers.
+    #[error(
+        "glass.bow_radius_m bends a plain pane only: remove glass.layers and glass.coatings, or the radius"
+    )]
+    BowOfStack,
     /// An outline without glass.
     #[error("{field} is [{low}, {high}], but its first number must be smaller than its second")]
     EmptyOutline { field: &'static str, low: f64, high: f64 },

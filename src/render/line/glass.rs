@@ -21,6 +21,8 @@ pub struct Glass {
     pub layers: Vec<GlassLayer>,
     /// Coatings, at most one for each face.
     pub coatings: Vec<FaceCoating>,
+    /// Radius of the sphere to which the pane is bent: positive if its centre is on the camera's side; flat without it.
+    pub bow_radius_m: Option<f64>,
     /// Edges of the pane; without them, the pane fills the picture.
     pub outline: Option<Outline>,
 }
@@ -80,6 +82,8 @@ struct GlassKeys {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     coatings: Vec<FaceCoating>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    bow_radius_m: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     outline: Option<Outline>,
 }
 
@@ -87,7 +91,7 @@ impl TryFrom<GlassKeys> for Glass {
     type Error = String;
 
     fn try_from(keys: GlassKeys) -> Result<Self, String> {
-        let GlassKeys { distance_m, tilt_deg, layers, coatings, outline, .. } = keys;
+        let GlassKeys { distance_m, tilt_deg, layers, coatings, bow_radius_m, outline, .. } = keys;
         let missing = |key: &str| format!("missing field `{key}` of glass, which has no `layers`");
         let (thickness_m, ior, absorption_per_m) = if layers.is_empty() {
             (
@@ -120,6 +124,7 @@ impl TryFrom<GlassKeys> for Glass {
             tilt_deg,
             layers,
             coatings,
+            bow_radius_m,
             outline,
         })
     }
@@ -136,6 +141,7 @@ impl From<Glass> for GlassKeys {
             tilt_deg: glass.tilt_deg,
             layers: glass.layers,
             coatings: glass.coatings,
+            bow_radius_m: glass.bow_radius_m,
             outline: glass.outline,
         }
     }
@@ -218,6 +224,14 @@ mod tests {
             (
                 coated(r#"{"face":0,"reflectance":[0,2,0],"transmittance":[0,0,0]}"#),
                 "glass.coatings[0].reflectance[1] is 2, but must be 0 to 1",
+            ),
+            (
+                r#"{"distance_m":1,"thickness_m":0.01,"ior":1.5,"bow_radius_m":0}"#.to_owned(),
+                "glass.bow_radius_m is 0, but must be finite and not 0: leave it out for a flat pane",
+            ),
+            (
+                layers(r#"{"glass_m":0.01,"ior":1.5}"#).replace("}]}", r#"}],"bow_radius_m":8}"#),
+                "glass.bow_radius_m bends a plain pane only: remove glass.layers and glass.coatings",
             ),
             (framed(r#""x_m":[0.1,0.1],"y_m":[0,1]"#), "glass.outline.x_m is [0.1, 0.1], but its"),
             (framed(r#""x_m":[0,1],"y_m":[2,1]"#), "glass.outline.y_m is [2, 1], but its first"),

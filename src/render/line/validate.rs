@@ -57,6 +57,7 @@ impl SceneLine {
             ],
         )?;
         coatings(glass)?;
+        bow(glass)?;
         outline(glass)?;
         side("front", &self.front)?;
         side("back", &self.back)?;
@@ -114,6 +115,17 @@ fn coatings(glass: &Glass) -> Result<(), LineError> {
         }
     }
     Ok(())
+}
+
+fn bow(glass: &Glass) -> Result<(), LineError> {
+    match glass.bow_radius_m {
+        None => Ok(()),
+        Some(radius_m) if radius_m == 0.0 || !radius_m.is_finite() => {
+            Err(LineError::BowRadius { radius_m })
+        }
+        Some(_) if glass.layers.is_empty() && glass.coatings.is_empty() => Ok(()),
+        Some(_) => Err(LineError::BowOfStack),
+    }
 }
 
 fn outline(glass: &Glass) -> Result<(), LineError> {

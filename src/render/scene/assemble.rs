@@ -7,7 +7,7 @@ use super::error::AssembleError;
 use super::facts::{SceneFacts, Sides, SidesWith, order_facts};
 use super::far::far_median_m;
 use super::geometry::{
-    BackCamera, cosines_between, film_directions, film_plane, film_reach, outline, slab, stack,
+    BackCamera, bow, cosines_between, film_directions, film_plane, film_reach, outline, slab, stack,
 };
 use super::near::Near;
 use super::place::{DecodedSide, Placed};
@@ -56,7 +56,12 @@ fn assemble_sides(
     let film = film_plane(line);
     let reach = film_reach(&film, &lens);
     let directions = film_directions(reach);
-    let cosines: Vec<f64> = directions.iter().map(|d| d.normalize().dot(slab.normal)).collect();
+    let bow = bow(line);
+    let cosine = |d: &DVec3| {
+        let met = bow.as_ref().and_then(|bow| bow.entry(&slab, DVec3::ZERO, *d));
+        d.normalize().dot(met.map_or(slab.normal, |(_, normal)| normal))
+    };
+    let cosines: Vec<f64> = directions.iter().map(cosine).collect();
     let brightest = [max_radiance.front, max_radiance.back];
     let tolerance = line.film.order_tolerance;
     let (stack, orders) = match stack(line) {
@@ -102,6 +107,7 @@ fn assemble_sides(
         lens,
         slab,
         stack,
+        bow,
         orders,
         cover,
         front,

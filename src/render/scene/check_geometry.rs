@@ -1,7 +1,8 @@
 //! Refuses panes at a grazing angle and panes that cut the lens.
 
-use super::geometry::{filter_reach_px, slab, unfiltered_film};
+use super::geometry::{bow, filter_reach_px, slab, unfiltered_film};
 use crate::line::SceneLine;
+use crate::trace::Slab;
 use glam::DVec3;
 
 /// Largest angle between a camera ray and the pane's normal.
@@ -39,6 +40,18 @@ pub enum GeometryError {
         reach_m: f64,
         distance_m: f64,
     },
+    /// A bent pane that a ray misses, or that reflects a ray sideways.
+    #[error(
+        "the bent pane folds the view: the ray of film point ({u} px, {v} px) {problem}: give glass.bow_radius_m \
+         ({radius_m} m) a larger magnitude, or reduce glass.tilt_deg or the field of view (camera.focal_length_mm)"
+    )]
+    Folded {
+        /// Film point of the refused ray, px.
+        u: f64,
+        v: f64,
+        problem: &'static str,
+        radius_m: f64,
+    },
 }
 
 /// Refuses a pane that cuts the lens, or that a camera ray meets at more than [`MAX_INCIDENCE_DEG`].
@@ -65,6 +78,7 @@ pub fn check_geometry(
     }
 
     let spread = aperture_radius_m * inverse_focus_distance_per_m;
+    check_bow(line, &slab, spread)?;
     for corner in film_corners(line) {
         let direction = worst_direction(corner.slope, spread, normal);
         let is_steep_enough = excess(direction, normal) >= 0.0;
@@ -81,6 +95,56 @@ pub fn check_geometry(
                 yaw_deg: line.glass.tilt_deg[1],
                 focal_length_mm: line.camera.focal_length_mm,
             });
+        }
+    }
+    Ok(())
+}
+
+/// Least ratio of the radii of a bent pane's faces; its inverse is the largest.
+const LEAST_RATIO: f64 = 0.5;
+
+/// Refuses a bent pane that the rays of a grid over film and lens miss, meet at more than [`MAX_INCIDENCE_DEG`], or leave
+/// sideways.
+fn check_bow(line: &SceneLine, slab: &Slab, spread: f64) -> Result<(), GeometryError> {
+    const STEPS: u32 = 16;
+    let (Some(bow), Some(radius_m)) = (bow(line), line.glass.bow_radius_m) else {
+        return Ok(());
+    };
+    let film = unfiltered_film(line);
+    let (beyond, a) = (filter_reach_px(line.film.filter), line.camera.aperture_radius_m);
+    let least_cos = libm::cos(MAX_INCIDENCE_DEG.to_radians());
+    let ratio = bow.ratio(slab);
+    let problem_of = |lens: DVec3, direction: DVec3| {
+        if !(LEAST_RATIO..=1.0 / LEAST_RATIO).contains(&ratio) {
+            return Some("meets faces with too different radii");
+        }
+        let Some((_, normal)) = bow.entry(slab, lens, direction) else {
+            return Some("misses it");
+        };
+        let d = direction.normalize();
+        let cos = d.dot(normal);
+        let mirrored = d - 2.0 * cos * normal;
+        let mirrored = mirrored - 2.0 * mirrored.dot(slab.normal) * slab.normal;
+        match () {
+            // The sine must also be smaller than the ratio, or light does not leave the rear face.
+            () if cos < least_cos || 1.0 - cos * cos >= (ratio * ratio).min(1.0) => {
+                Some("meets it at more than 85 degrees")
+            }
+            () if mirrored.z < least_cos => Some("is reflected sideways"),
+            () => None,
+        }
+    };
+    let at = |step: u32, size: u32| {
+        f64::from(step) / f64::from(STEPS) * (f64::from(size) + 2.0 * beyond) - beyond
+    };
+    for (i, j) in (0..=STEPS).flat_map(|j| (0..=STEPS).map(move |i| (i, j))) {
+        let (u, v) = (at(i, film.width), at(j, film.height));
+        let [x, y] = film.tangent(u, v);
+        for (lx, ly) in [(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
+            let direction = DVec3::new(x - spread * lx, y - spread * ly, 1.0);
+            if let Some(problem) = problem_of(DVec3::new(a * lx, a * ly, 0.0), direction) {
+                return Err(GeometryError::Folded { u, v, problem, radius_m });
+            }
         }
     }
     Ok(())
@@ -212,6 +276,28 @@ mod tests {
         check_geometry(&line, 0.0).unwrap();
     }
 
+    #[test]
+    fn panes_that_fold_the_view_are_refused() {
+        let bent = |radius_m: f64, tilt_deg: [f64; 2]| {
+            let mut line = published();
+            (line.glass.bow_radius_m, line.glass.tilt_deg) = (Some(radius_m), tilt_deg);
+            check_geometry(&line, 1.0 / 3.0).map_err(|error| error.to_string())
+        };
+        for radius_m in [8.0, -8.0, 1.0, -1.0] {
+            bent(radius_m, [0.0; 2]).unwrap();
+        }
+        for (radius_m, tilt_deg, problem) in [
+            (-0.05, [0.0; 2], "misses it"),
+            (0.005, [0.0; 2], "too different radii"),
+            (0.12, [0.0; 2], "is reflected sideways"),
+            (-0.6, [0.0, 60.0], "misses it"),
+        ] {
+            let error = bent(radius_m, tilt_deg).unwrap_err();
+            assert!(error.contains(problem), "{radius_m}: {error}");
+            assert!(error.contains("give glass.bow_radius_m"), "{error}");
+        }
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(256))]
         /// The check agrees with the largest angle over a fine grid of film and lens points.
@@ -262,6 +348,7 @@ mod tests {
                 Err(GeometryError::PaneCutsLens { plane_distance_m, reach_m, .. }) => {
                     prop_assert!(plane_distance_m <= reach_m);
                 }
+                Err(GeometryError::Folded { .. }) => prop_assert!(false, "the pane is flat"),
             }
         }
     }

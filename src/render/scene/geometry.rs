@@ -1,7 +1,7 @@
 //! Pane, film and back capture camera of a scene line in the lens's coordinates.
 
 use crate::line::{Apex, Filter, GlassLayer, SceneLine};
-use crate::trace::{Coating, FilmPlane, FilterTable, Lens, Outline, Slab, Stack, StackLayer};
+use crate::trace::{Bow, Coating, FilmPlane, FilterTable, Lens, Outline, Slab, Stack, StackLayer};
 use glam::{DMat3, DVec3};
 
 /// Returns the pane of a line.
@@ -47,6 +47,12 @@ pub(super) fn stack(line: &SceneLine) -> Option<Stack> {
         coatings[coating.face as usize] = Some(shares);
     }
     Some(Stack::new(of.iter().map(layer).collect(), coatings))
+}
+
+/// Returns the curvature of a line's pane, if it is bent.
+pub(super) fn bow(line: &SceneLine) -> Option<Bow> {
+    let curvature_per_m = 1.0 / line.glass.bow_radius_m?;
+    Some(Bow { curvature_per_m, distance_m: line.glass.distance_m })
 }
 
 /// Returns the edges of a line's pane. The camera's exposure and white balance apply to the frame.

@@ -5,9 +5,9 @@
 //! the nearest surface to infinity, and its image is monotone in between. The two ends of the outermost lines therefore
 //! bound all points that a ray can hit.
 
-use super::geometry::{BackCamera, film_directions, film_plane, film_reach, slab, stack};
+use super::geometry::{BackCamera, bow, film_directions, film_plane, film_reach, slab, stack};
 use crate::line::{Focus, FocusAt, SceneLine};
-use crate::trace::{Lens, Order, Slab, Stack};
+use crate::trace::{Bow, Lens, Order, Slab, Stack};
 use glam::{DMat3, DVec3};
 
 /// Largest number of round trips inside the glass to consider. The light of further round trips is negligible.
@@ -26,6 +26,7 @@ pub(super) struct Sight {
     directions: Vec<DVec3>,
     slab: Slab,
     stack: Option<Stack>,
+    bow: Option<Bow>,
     aperture_radius_m: f64,
     /// Orthogonal matrix from the lens's coordinates (for the back, of the mirrored world) to the capture camera's.
     rotation: DMat3,
@@ -72,6 +73,7 @@ impl Sight {
             translation_m,
             slab,
             stack: stack(line),
+            bow: bow(line),
             aperture_radius_m,
             rotation,
             order,
@@ -110,22 +112,30 @@ impl Sight {
                 *side = [side[0].min(tangent), side[1].max(tangent)];
             }
         };
+        let mut include_line = |start: DVec3, d: DVec3| {
+            let (start, direction) =
+                (self.rotation * start + self.translation_m, self.rotation * d);
+            include(direction);
+            let along = start.dot(direction);
+            let inside = along * along + nearest_m * nearest_m - start.length_squared();
+            include(start + direction * (inside.max(0.0).sqrt() - along));
+        };
         for d in &self.directions {
             let d = d.normalize();
             // `check_geometry` refuses panes with a normal at more than 85 degrees to a ray.
             let cos_i = d.dot(self.slab.normal).abs().max(1e-3);
-            let direction = self.rotation * d;
-            include(direction);
-            let beside = self.passes_beside.then_some(0.0);
-            let shifts_m = [0, ROUND_TRIPS].map(|round_trips| self.shift_m(round_trips, cos_i));
-            for shift_m in shifts_m.into_iter().chain(beside) {
-                let shift = self.slab.normal * shift_m;
-                for [x, y] in lens_points {
-                    let start = DVec3::new(x, y, 0.0) + shift;
-                    let start = self.rotation * start + self.translation_m;
-                    let along = start.dot(direction);
-                    let inside = along * along + nearest_m * nearest_m - start.length_squared();
-                    include(start + direction * (inside.max(0.0).sqrt() - along));
+            for [x, y] in lens_points {
+                let lens = DVec3::new(x, y, 0.0);
+                if self.passes_beside {
+                    include_line(lens, d);
+                }
+                for round_trips in [0, ROUND_TRIPS] {
+                    let shift = self.slab.normal * self.shift_m(round_trips, cos_i);
+                    let order = (self.order)(round_trips);
+                    // Behind a bent pane, every order has its own direction, too.
+                    let bent = self.bow.and_then(|bow| bow.exit(&self.slab, order, lens, d));
+                    let (start, d) = bent.unwrap_or((lens + shift, d));
+                    include_line(start, d);
                 }
             }
         }

@@ -129,6 +129,7 @@ impl Parameters {
             orders: OrderPlan::new(&slab, &cosines, radiance, self.order_tolerance),
             slab,
             stack: None,
+            bow: None,
             cover: Cover::default(),
             front: front.into(),
             back: back.into(),

@@ -54,20 +54,25 @@ impl Bundle<'_> {
         !self.entries().all_glass || meets(scene, self.cards(scene), self.patch, self.path)
     }
 
-    /// Returns the directions (x, y, 1) of the rays of sample `s`.
+    /// Returns the points of the rays of sample `s` in the plane z = 0, and their directions (x, y, 1).
     #[inline(always)]
-    pub(super) fn directions(&self, s: usize) -> [Lane; 2] {
-        let relative = match self.path {
-            Path::Lens { .. } | Path::Stack(_) => &self.camera.direction,
-            Path::Pinhole => &self.camera.film,
+    pub(super) fn rays(&self, scene: &Scene, normal: [f32; 3], s: usize) -> [[Lane; 2]; 2] {
+        let (path, patch, camera) = (self.path, self.patch, self.camera);
+        let (point, relative) = match path.bent_rays(&scene.slab, patch, camera, s) {
+            Some(rays) => (rays.point, rays.relative),
+            None => {
+                let relative =
+                    if matches!(path, Path::Pinhole) { &camera.film } else { &camera.direction };
+                (points(path, &patch.center, normal, camera, s), [relative[0][s], relative[1][s]])
+            }
         };
-        let mut direction = self.patch.center;
+        let mut direction = patch.center;
         for k in 0..2 {
             for l in 0..LANES {
-                direction[k][l] += relative[k][s][l];
+                direction[k][l] += relative[k][l];
             }
         }
-        direction
+        [point, direction]
     }
 }
 
@@ -150,8 +155,10 @@ impl BundleRays {
             *lines = maker.lines(bundle.camera, s);
         }
         let found = match view.pose {
-            Pose::Aligned { extra_m } => spans.of(scene, view, lanes, bundle, extra_m),
-            Pose::General { .. } => Found::Shared(span_of_lines(view, &lanes.grid, lines).into()),
+            Pose::Aligned { extra_m } if !bundle.path.is_bent() => {
+                spans.of(scene, view, lanes, bundle, extra_m)
+            }
+            _ => Found::Shared(span_of_lines(view, &lanes.grid, lines).into()),
         };
         let is_inside = match found {
             Found::Shared(spans) => {
@@ -212,13 +219,12 @@ impl BundleRays {
     /// Finds the effects of outline, frame and cards, from the hits of the bundle's lines.
     #[inline(always)]
     fn cover(&mut self, scene: &Scene, view: &View, bundle: &Bundle) {
-        let (camera, count) = (bundle.camera, bundle.ends[2]);
+        let count = bundle.ends[2];
         self.overlay.begin(&scene.cover, bundle.entries(), bundle.order, count);
         let cards = bundle.cards(scene);
         let normal = scene.slab.normal.as_vec3().to_array();
         for s in 0..if cards.is_empty() { 0 } else { count } {
-            let point = points(bundle.path, &bundle.patch.center, normal, camera, s);
-            let direction = bundle.directions(s);
+            let [point, direction] = bundle.rays(scene, normal, s);
             let z_m = view_z_m(view, &self.w[s], &point, &direction);
             self.overlay.lay(cards, s, &point, &direction, &z_m);
         }
@@ -264,13 +270,18 @@ impl BundleRays {
             return hits.weigh(table, camera, bundle.ends[2], stack.is_coloured());
         }
         let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
-        let absorbs = slab.absorbs_in(order);
+        let (absorbs, is_bent) = (slab.absorbs_in(order), scene.bow.is_some());
         for s in 0..bundle.ends[2] {
-            let weight = weights(order, [&rs[s], &rp[s]], [&ts[s], &tp[s]]);
+            let (weight, inverse_cos_t) = if is_bent {
+                (camera.bent.weights(order, s), camera.bent.inverse_cos_t(s))
+            } else {
+                let weight = weights(order, [&rs[s], &rp[s]], [&ts[s], &tp[s]]);
+                (weight, &camera.inverse_cos_t[s])
+            };
             hits.grey[s] = weight;
             for c in 0..if absorbs { 3 } else { 0 } {
                 let optical_depth = (slab.absorption_per_m[c] * slab.thickness_m) as f32;
-                let colour = absorbed(&weight, order, optical_depth, &camera.inverse_cos_t[s]);
+                let colour = absorbed(&weight, order, optical_depth, inverse_cos_t);
                 (0..LANES).for_each(|l| hits.colour[s][l][c] = colour[l]);
             }
         }

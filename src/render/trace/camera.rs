@@ -1,5 +1,6 @@
 //! Camera samples of a patch, in lanes: film point, lens point, direction, and optics of the glass in this direction.
 
+use super::bow::BentRays;
 use super::cover::Entries;
 use super::lanes::{LANES, Lane, sin_cos_octant};
 use super::patch::Patch;
@@ -29,6 +30,8 @@ pub(super) struct CameraChunk {
     pub(super) cell: [[u32; LANES]; CHUNK],
     /// Positions in these cells.
     pub(super) within: [Lane; CHUNK],
+    /// The rays at a bent pane; filled in place of gamma, reflectance and transmittance.
+    pub(super) bent: Box<BentRays>,
     /// Places at which the rays meet the pane's plane.
     pub(super) entries: Entries,
     /// The same of R's rays, which pass no lens.
@@ -49,6 +52,7 @@ impl CameraChunk {
             inverse_cos_t: lanes,
             cell: [[0; LANES]; CHUNK],
             within: lanes,
+            bent: BentRays::new(),
             entries: Entries::new(),
             pinhole_entries: Entries::new(),
         })
@@ -94,9 +98,13 @@ impl CameraChunk {
                 }
             }
         }
-        match &scene.stack {
-            None => self.fill_glass(scene, patch, count),
-            Some(stack) => self.fill_stack(scene, stack, patch, count),
+        match (&scene.bow, &scene.stack) {
+            (Some(bow), _) => {
+                let slab = &scene.slab;
+                self.bent.fill(bow, slab, &patch.center, &self.direction, &self.lens, count);
+            }
+            (None, None) => self.fill_glass(scene, patch, count),
+            (None, Some(stack)) => self.fill_stack(scene, stack, patch, count),
         }
         if let Some(outline) = &scene.cover.outline {
             let (slab, center) = (&scene.slab, &patch.center);

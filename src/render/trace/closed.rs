@@ -38,10 +38,11 @@ struct Axis {
     inside: Vec<u64>,
 }
 
-/// Returns the view of the back photograph if R has a closed form: from its own centre, and with neither the pane's edges nor
-/// cards in the way.
+/// Returns the view of the back photograph if R has a closed form: from its own centre, in a flat mirror, and with neither
+/// the pane's edges nor cards in the way.
 pub(super) fn closed_view(scene: &Scene) -> Option<&View> {
-    if scene.cover.outline.is_some() || !scene.cover.cards[1].is_empty() {
+    let is_covered = scene.cover.outline.is_some() || !scene.cover.cards[1].is_empty();
+    if is_covered || scene.bow.is_some() {
         return None;
     }
     match &scene.back {

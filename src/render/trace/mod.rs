@@ -27,6 +27,7 @@
 #![allow(clippy::cast_possible_wrap, reason = "grids and textures have fewer than 2^31 elements")]
 
 mod adaptive;
+mod bow;
 mod bundle;
 mod camera;
 mod closed;
@@ -54,6 +55,7 @@ mod tracer;
 mod walk;
 
 pub use adaptive::CELL_PX;
+pub use bow::Bow;
 pub use cover::{Card, Cover, Outline};
 pub use grid::Grid;
 pub use isa::Isa;

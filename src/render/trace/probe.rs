@@ -111,7 +111,7 @@ impl<'a> BundleProbe<'a> {
             return None;
         };
         let path = match order {
-            None => Path::Pinhole,
+            None => scene.bow.as_ref().map_or(Path::Pinhole, Path::BentPinhole),
             Some(order) => {
                 let followed = scene.orders.front.iter().chain(&scene.orders.back);
                 let of_side = followed.filter(|f| {
@@ -144,12 +144,12 @@ impl<'a> BundleProbe<'a> {
     #[inline(always)]
     fn span(&self, bundle: &Bundle) -> Span {
         match self.view.pose {
-            Pose::Aligned { extra_m } => {
+            Pose::Aligned { extra_m } if !self.path.is_bent() => {
                 let [x, y] = bundle.corner;
                 let area = Area::new(self.scene, x, y, PATCH_PX);
                 span_of_area(self.scene, self.view, self.path, &area, extra_m, true).0
             }
-            Pose::General { .. } => span_of_lines(self.view, &bundle.grid, &bundle.lines),
+            _ => span_of_lines(self.view, &bundle.grid, &bundle.lines),
         }
     }
 

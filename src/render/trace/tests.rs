@@ -327,6 +327,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
         orders: OrderPlan::new(&slab, &[normal.z], [1.0; 2], 1e-5),
         slab,
         stack: None,
+        bow: None,
         cover: Cover::default(),
         front: view(1, Pose::Aligned { extra_m: 0.0 }, 1.0).into(),
         back: view(2, pose, -1.0).into(),

@@ -122,7 +122,11 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
                     let within = |end: u32| end.saturating_sub(first).min(taken) as usize;
                     let ends = [clean / 4, clean / 2, clean].map(within);
                     let sums = self.sums.len() - 1;
-                    let path = (Path::Pinhole, None, Feeds::Order);
+                    let path = match &scene.bow {
+                        Some(bow) => Path::BentPinhole(bow),
+                        None => Path::Pinhole,
+                    };
+                    let path = (path, None, Feeds::Order);
                     self.follow(&place, path, sums, clean, ends);
                 }
             }

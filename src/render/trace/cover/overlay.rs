@@ -33,6 +33,8 @@ pub(in super::super) fn meets(
     }
     let (aperture_m, inverse_focus_per_m) = match path {
         Path::Pinhole => (0.0, 0.0),
+        // Nothing bounds the directions.
+        Path::Bent(..) | Path::BentPinhole(_) => return true,
         _ => (scene.lens.aperture_radius_m, scene.lens.inverse_focus_per_m),
     };
     let spread = aperture_m * inverse_focus_per_m;

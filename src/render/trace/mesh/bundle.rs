@@ -5,7 +5,7 @@ use super::super::camera::CHUNK;
 use super::super::cover::Overlay;
 use super::super::isa::Isa;
 use super::super::lanes::LANES;
-use super::super::lines::{Path, points};
+use super::super::lines::Path;
 use super::super::means::LaneSums;
 use super::super::scene::Scene;
 use super::super::shade::{absorbed, weights};
@@ -60,12 +60,8 @@ fn follow_lanes(
     sums: &mut LaneSums,
     transmission: &mut LaneSums,
 ) -> [u32; LANES] {
-    let &Bundle { patch, camera, path, order, ends: [quarter, half, count], .. } = bundle;
+    let &Bundle { camera, order, ends: [quarter, half, count], .. } = bundle;
     let normal = scene.slab.normal.as_vec3().to_array();
-    let relative = match path {
-        Path::Lens { .. } | Path::Stack(_) => &camera.direction,
-        Path::Pinhole => &camera.film,
-    };
     // The rays of one pixel lie closer together than those of sixteen, so that they meet fewer boxes. A pixel with sixteen
     // samples therefore has its own group of rays.
     let by_pixel = count == CHUNK;
@@ -73,12 +69,12 @@ fn follow_lanes(
     let mut directions = [[[0f32; LANES]; 2]; CHUNK];
     let mut starts = [[[0f32; LANES]; 2]; CHUNK];
     for s in 0..count {
-        let p = points(path, &patch.center, normal, camera, s);
+        let [point, direction] = bundle.rays(scene, normal, s);
         for l in 0..LANES {
             let (group, lane) = place(s, l);
             for k in 0..2 {
-                directions[group][k][lane] = patch.center[k][l] + relative[k][s][l];
-                starts[group][k][lane] = p[k][l];
+                directions[group][k][lane] = direction[k][l];
+                starts[group][k][lane] = point[k][l];
             }
         }
     }
@@ -91,12 +87,12 @@ fn follow_lanes(
     if is_covered {
         overlay.begin(&scene.cover, bundle.entries(), order, count);
         for s in 0..count {
-            let point = points(path, &patch.center, normal, camera, s);
+            let [point, direction] = bundle.rays(scene, normal, s);
             let z_m = std::array::from_fn(|l| {
                 let (group, lane) = place(s, l);
                 1.0 / seen[group].w[lane]
             });
-            overlay.lay(bundle.cards(scene), s, &point, &bundle.directions(s), &z_m);
+            overlay.lay(bundle.cards(scene), s, &point, &direction, &z_m);
         }
     }
     let mut misses = [0; LANES];
@@ -138,13 +134,18 @@ fn colour_weights(
         return [0, 1, 2].map(|c| colours.map(|colour| colour[c]));
     }
     let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
-    let weight = weights(order, [&rs[s], &rp[s]], [&ts[s], &tp[s]]);
+    let (weight, inverse_cos_t) = if scene.bow.is_some() {
+        (camera.bent.weights(order, s), camera.bent.inverse_cos_t(s))
+    } else {
+        let weight = weights(order, [&rs[s], &rp[s]], [&ts[s], &tp[s]]);
+        (weight, &camera.inverse_cos_t[s])
+    };
     let slab = &scene.slab;
     if !slab.absorbs_in(order) {
         return [weight; 3];
     }
     slab.absorption_per_m.map(|a| {
         let optical_depth = (a * slab.thickness_m) as f32;
-        absorbed(&weight, order, optical_depth, &camera.inverse_cos_t[s])
+        absorbed(&weight, order, optical_depth, inverse_cos_t)
     })
 }
