@@ -289,7 +289,7 @@ mod tests {
         for (radius_m, tilt_deg, problem) in [
             (-0.05, [0.0; 2], "misses it"),
             (0.005, [0.0; 2], "too different radii"),
-            (0.12, [0.0; 2], "is reflected sideways"),
+            (-0.2, [0.0; 2], "is reflected sideways"),
             (-0.6, [0.0, 60.0], "misses it"),
         ] {
             let error = bent(radius_m, tilt_deg).unwrap_err();

@@ -58,13 +58,13 @@ impl Bundle<'_> {
     #[inline(always)]
     pub(super) fn rays(&self, scene: &Scene, normal: [f32; 3], s: usize) -> [[Lane; 2]; 2] {
         let (path, patch, camera) = (self.path, self.patch, self.camera);
-        let (point, relative) = match path.bent_rays(&scene.slab, patch, camera, s) {
-            Some(rays) => (rays.point, rays.relative),
-            None => {
-                let relative =
-                    if matches!(path, Path::Pinhole) { &camera.film } else { &camera.direction };
-                (points(path, &patch.center, normal, camera, s), [relative[0][s], relative[1][s]])
-            }
+        let bent = path.bent_rays(&scene.slab, patch, camera, s);
+        let (point, relative) = if let Some(rays) = bent {
+            (rays.point, rays.relative)
+        } else {
+            let relative =
+                if matches!(path, Path::Pinhole) { &camera.film } else { &camera.direction };
+            (points(path, &patch.center, normal, camera, s), [relative[0][s], relative[1][s]])
         };
         let mut direction = patch.center;
         for k in 0..2 {
