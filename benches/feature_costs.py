@@ -27,6 +27,7 @@ import statistics
 import struct
 import subprocess
 import tempfile
+import zlib
 from array import array
 from pathlib import Path
 
@@ -34,6 +35,8 @@ INTRINSICS = {"fx": 886.81, "fy": 927.06, "cx": 512.0, "cy": 384.0, "size": [102
 LAYERS = ["input", "transmission", "glass_reflection", "clean_reflection"]
 
 PANE = {"glass_m": 0.004, "ior": 1.52}
+FRAME = {"x_m": [-0.06, 0.065], "y_m": [-0.055, 0.06], "frame_m": 0.012, "frame_radiance": [0.3, 0.25, 0.2]}
+CARD = {"color": "card.png", "distance_m": 0.1, "center_m": [0.02, 0.05], "width_m": 0.2}
 COATING = {"face": 1, "reflectance": [0.12, 0.06, 0.16], "transmittance": [0.8, 0.86, 0.78]}
 
 # Name of each row, and the scene line's values that it changes, by dotted key.
@@ -50,6 +53,10 @@ ROWS: list[tuple[str, dict]] = [
     ("double pane, 4-16-4 mm", {"glass.layers": [PANE, {"gap_m": 0.016}, PANE]}),
     ("double pane, tilt of 30 degrees", {"glass.layers": [PANE, {"gap_m": 0.016}, PANE], "glass.tilt_deg": [0, 30]}),
     ("double pane, a coating of colour", {"glass.layers": [PANE, {"gap_m": 0.016}, PANE], "glass.coatings": [COATING]}),
+    ("outline with a frame", {"glass.outline": FRAME}),
+    ("card behind the camera", {"back.cards": [CARD]}),
+    ("outline, frame and card", {"glass.outline": FRAME, "back.cards": [CARD]}),
+    ("bent pane, radius of 8 m", {"glass.bow_radius_m": 8.0}),
     ("light of 16 times white, both sides", {"front.exposure": 16.0, "back.exposure": 16.0}),
     ("`order_tolerance` 0 (all orders, all samples)", {"film.order_tolerance": 0.0}),
     ("`layers`: T", {"film.layers": LAYERS[1:2]}),
@@ -114,6 +121,23 @@ def write_mesh(photograph: dict, folder: Path, path: Path) -> None:
     path.write_bytes(out)
 
 
+def write_card(path: Path) -> None:
+    """Writes a grey disc with a soft edge as a PNG with alpha."""
+    size = 256
+    rows = bytearray()
+    for j in range(size):
+        rows.append(0)
+        for i in range(size):
+            beyond = ((i - 127.5) ** 2 + (j - 127.5) ** 2) ** 0.5 - 110
+            rows += bytes([60, 50, 45, round(255 * min(max(0.5 - beyond / 8, 0), 1))])
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    head = struct.pack(">IIBBBBB", size, size, 8, 6, 0, 0, 0)
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+
 def scene_line(folder: Path, color: list[str], changes: dict) -> dict:
     """Returns the plain scene with `changes`."""
 
@@ -168,6 +192,7 @@ def main() -> None:
         records: list[dict] = [{} for _ in rows]
         written = [float("inf")] * len(rows)
         used: list[list[float]] = [[] for _ in rows]
+        write_card(folder / "card.png")
         for k, (_, changes, _) in enumerate(rows):
             (folder / f"{k}.json").write_text(json.dumps(scene_line(folder, color, changes)))
         for turn in range(args.rounds + 1):

@@ -154,7 +154,7 @@ fn bumpy(key: u64, is_white: bool) -> Photo {
     Photo::new([12, 12], [20, 20], [0.3; 2], depth, colour)
 }
 
-fn small_window() -> Edges {
+pub(crate) fn small_window() -> Edges {
     Edges { x_m: [-0.05, 0.06], y_m: [-0.04, 0.05], frame_m: 0.015, frame_radiance: [1.0; 3] }
 }
 

@@ -1,6 +1,7 @@
 //! Bits depend only on scene and samples, not on instruction set, tiles or other layers; ranges of samples merge.
 
 use crate::case::{Apex, Case, Photo, noise, whole_film};
+use crate::cover::{noisy_card, small_window};
 use crate::mesh::rooms;
 use crate::stack::{coated_double_pane, double_pane};
 use render::layer::{Layer, PerLayer};
@@ -29,7 +30,12 @@ fn cases() -> Vec<Case> {
     stacked.stack = Some(coated_double_pane());
     let mut clear = case.clone();
     clear.stack = Some(double_pane());
-    vec![case, tilted, absorbing, stacked, clear]
+    let mut covered = case.clone();
+    covered.covered.edges = Some(small_window());
+    covered.covered.cards = [0.8, 0.3].map(|z_m| vec![noisy_card(z_m, [0.02, 0.0], 0.2, 4)]);
+    let mut bent = absorbing.clone();
+    (bent.bow_radius_m, bent.covered) = (Some(-6.0), covered.covered.clone());
+    vec![case, tilted, absorbing, stacked, clear, covered, bent]
 }
 
 pub(crate) fn bits(pixels: &[PixelMeans]) -> Vec<u32> {
@@ -57,13 +63,14 @@ pub(crate) fn tiled(scene: &Scene, side: u32, isa: Isa) -> Vec<PixelMeans> {
 #[test]
 fn instruction_sets_and_tiles_give_the_same_bits() {
     let fastest = Isa::detect();
-    if fastest == Isa::Baseline {
-        println!("no AVX2 on this machine: only tiles are compared");
-    }
+    let available: Vec<Isa> = Isa::ALL.into_iter().filter(|isa| isa.is_available()).collect();
+    println!("instruction sets: {available:?}");
     let sheets = cases().into_iter().map(|case| case.scene());
     for scene in sheets.chain(cases().iter().map(rooms)) {
         let whole = bits(&whole_film(&scene, Isa::Baseline).pixels);
-        assert!(whole == bits(&whole_film(&scene, fastest).pixels));
+        for isa in &available {
+            assert!(whole == bits(&whole_film(&scene, *isa).pixels), "{isa:?}");
+        }
         for side in [16, 64, 100] {
             assert!(whole == bits(&tiled(&scene, side, fastest)), "tiles of {side}");
         }

@@ -37,8 +37,8 @@ fn differences(case: &Case, step: u32) -> (Vec<f64>, Vec<f64>) {
     let (mut largest, mut all) = (vec![], vec![]);
     for y in (0..h).step_by(step as usize) {
         for x in (0..w).step_by(step as usize) {
-            let expected = reference.pixel(x, y);
             let pixel = &rendered[(y * w + x) as usize];
+            let expected = reference.pixel(x, y, pixel);
             let mut worst = 0f64;
             for layer in 0..4 {
                 for c in 0..3 {

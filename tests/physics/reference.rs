@@ -5,7 +5,9 @@ use crate::case::{Apex, Case, Photo};
 use crate::cover::Place;
 use crate::optics::Pane;
 use glam::{DMat3, DVec3};
-use render::trace::{FollowedOrder, Order, PixelSeed, Scene, Stack, StackOptics, sample};
+use render::trace::{
+    FollowedOrder, Order, PixelMeans, PixelSeed, Scene, Stack, StackOptics, sample,
+};
 
 /// Length of the border's continuation, px.
 const BORDER_PX: f64 = 4000.0;
@@ -347,8 +349,8 @@ impl<'a> Reference<'a> {
         radiance
     }
 
-    /// Renders the four layers of a pixel.
-    pub(crate) fn pixel(&self, x: u32, y: u32) -> [[f64; 3]; 4] {
+    /// Renders the four layers of a pixel, to compare them with those that the tracer rendered.
+    pub(crate) fn pixel(&self, x: u32, y: u32, traced: &PixelMeans) -> [[f64; 3]; 4] {
         let spp = self.scene.spp;
         let seed = PixelSeed::new(self.scene.seed, x, y);
         let add = |sum: &mut [f64; 3], value: [f64; 3], weight: [f64; 3], n: u32| {
@@ -372,17 +374,22 @@ impl<'a> Reference<'a> {
             }
         }
         let clean = orders.clean_spp(spp);
+        // The tracer samples R of a patch that edges or cards cover in part. R in closed form states no error.
         let covered = &self.case.covered;
-        let is_covered = covered.edges.is_some()
-            || !covered.cards[1].is_empty()
-            || self.case.bow_radius_m.is_some();
-        let has_closed_form = self.case.apex == Apex::Mirror && !is_covered;
+        let is_covered = covered.edges.is_some() || !covered.cards[1].is_empty();
+        let of_r = [traced.mean[3], traced.half[3], traced.quarter[3]];
+        let mut has_closed_form = self.case.apex == Apex::Mirror
+            && self.case.bow_radius_m.is_none()
+            && (!is_covered || (of_r[0] == of_r[1] && of_r[0] == of_r[2]));
         for s in 0..clean {
             let (pinhole, _, _) = self.camera(x, y, sample(&seed, s));
-            if self.case.covered.place(self.case, DVec3::ZERO, pinhole) != Place::Glass {
+            if covered.place(self.case, DVec3::ZERO, pinhole) != Place::Glass {
+                has_closed_form = false;
                 continue;
             }
             let (point, mirrored) = self.mirrored(pinhole);
+            has_closed_form &=
+                covered.cards[1].iter().all(|c| c.seen(true, point, mirrored).is_none());
             let seen = self.seen_in_back(point, mirrored);
             add(&mut layers[3], seen, [1.0; 3], clean);
             if has_closed_form {

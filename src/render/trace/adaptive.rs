@@ -40,8 +40,8 @@ pub(super) fn trace<const ISA: u8>(scene: &Scene, tile: Tile, target: f64) -> Ti
         "tiles of an adaptive scene begin at multiples of {CELL_PX} px"
     );
     let closed = ClosedForm::new(scene, tile.columns(), tile.rows());
-    let mut wanted = Wanted::of(scene.layers);
-    wanted.clean &= closed.is_none();
+    let all = Wanted::of(scene.layers);
+    let (mut closed_paths, mut closed_misses) = (0, 0);
     let mut tracer = Tracer::<ISA>::new(scene);
     let mut pixels = vec![PixelMeans::default(); (tile.width * tile.height) as usize];
     let (mut samples, mut sums) = (PerLayer([0u32; 4]), PerLayer([0u64; 4]));
@@ -49,13 +49,26 @@ pub(super) fn trace<const ISA: u8>(scene: &Scene, tile: Tile, target: f64) -> Ti
         for x in (0..tile.width).step_by(CELL_PX as usize) {
             let (width, height) = (CELL_PX.min(tile.width - x), CELL_PX.min(tile.height - y));
             let area = Tile { x: tile.x + x, y: tile.y + y, width, height };
+            let closed = closed.as_ref().filter(|closed| {
+                let corners = patches(area.y, height)
+                    .flat_map(|y| patches(area.x, width).map(move |x| (x, y)));
+                corners.into_iter().all(|corner| closed.has(scene, corner))
+            });
+            let wanted = Wanted { clean: all.clean && closed.is_none(), ..all };
             let mut cell = Cell::new(wanted, width * height);
             while cell.round(&mut tracer, scene, area, wanted) {
                 cell.decide(scene, target);
             }
             for (q, components) in (0..).zip(&cell.pixels) {
                 let (x, y) = (x + q % width, y + q / width);
-                pixels[(y * tile.width + x) as usize] = components.pixel(scene.layers);
+                let index = (y * tile.width + x) as usize;
+                pixels[index] = components.pixel(scene.layers);
+                if let Some(closed) = closed {
+                    closed.write(index, &mut pixels[index]);
+                    let [of_pixel, beyond] = closed.paths(index);
+                    (closed_paths, closed_misses) =
+                        (closed_paths + of_pixel, closed_misses + beyond);
+                }
             }
             for (layer, &count) in cell.samples(scene).iter() {
                 samples[layer] = samples[layer].max(count);
@@ -64,9 +77,8 @@ pub(super) fn trace<const ISA: u8>(scene: &Scene, tile: Tile, target: f64) -> Ti
         }
     }
     let (mut paths, mut misses) = tracer.counts();
-    if let Some(closed) = &closed {
-        closed.fill(&mut pixels, &mut paths, &mut misses);
-    }
+    paths[Layer::CleanReflection] += closed_paths;
+    misses[Layer::CleanReflection] += closed_misses;
     TileResult { pixels, samples, sample_sums: Some(sums), paths, misses }
 }
 

@@ -2,12 +2,13 @@
 //!
 //! Lanes are pixels, so that no lane is idle if pixels take few samples.
 
-use super::camera::{CHUNK, CameraChunk};
-use super::cover::{Card, Entries, Overlay, meets};
+use super::camera::CameraChunk;
+use super::cover::{Card, Entries};
 use super::fetch::{Factors, Hits};
-use super::lanes::{LANES, Lane};
+use super::lanes::{CHUNK, LANES, Lane};
 use super::lines::{LineMaker, Path, ViewLanes, points, span_of_lines};
 use super::means::LaneSums;
+use super::overlay::{Overlay, meets};
 use super::patch::Patch;
 use super::scene::{Pose, Scene, View};
 use super::shade::{absorbed, weights};
@@ -171,10 +172,7 @@ impl BundleRays {
                 pixels.iter().all(|pixel| pixel.group().spans.inside)
             }
         };
-        let is_covered = bundle.is_covered(scene);
-        if is_covered {
-            self.cover(scene, view, bundle);
-        }
+        let is_covered = bundle.is_covered(scene) && self.cover(scene, view, bundle);
         let is_bare = bundle.feeds == Feeds::Bare;
         let order = bundle.order.filter(|_| !is_bare);
         let factors = order.map_or(Factors::One, |order| self.weigh(scene, bundle, order));
@@ -216,18 +214,20 @@ impl BundleRays {
         misses
     }
 
-    /// Finds the effects of outline, frame and cards, from the hits of the bundle's lines.
+    /// Finds the effects of outline, frame and cards, from the hits of the bundle's lines. Returns false if there are none.
     #[inline(always)]
-    fn cover(&mut self, scene: &Scene, view: &View, bundle: &Bundle) {
+    fn cover(&mut self, scene: &Scene, view: &View, bundle: &Bundle) -> bool {
         let count = bundle.ends[2];
         self.overlay.begin(&scene.cover, bundle.entries(), bundle.order, count);
+        let mut is_covered = !bundle.entries().all_glass;
         let cards = bundle.cards(scene);
         let normal = scene.slab.normal.as_vec3().to_array();
         for s in 0..if cards.is_empty() { 0 } else { count } {
             let [point, direction] = bundle.rays(scene, normal, s);
             let z_m = view_z_m(view, &self.w[s], &point, &direction);
-            self.overlay.lay(cards, s, &point, &direction, &z_m);
+            is_covered |= self.overlay.lay(cards, s, &point, &direction, &z_m);
         }
+        is_covered
     }
 
     /// Walks the lines of a full chunk with the samples of one pixel in the lanes of a group: rays of one pixel cross about the

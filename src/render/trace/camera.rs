@@ -1,15 +1,12 @@
 //! Camera samples of a patch, in lanes: film point, lens point, direction, and optics of the glass in this direction.
 
-use super::bow::BentRays;
+use super::bent::BentRays;
 use super::cover::Entries;
-use super::lanes::{LANES, Lane, sin_cos_octant};
+use super::lanes::{CHUNK, LANES, Lane, sin_cos_octant};
 use super::patch::Patch;
 use super::sampler::points;
 use super::scene::Scene;
 use super::stack::StackOptics;
-
-/// Largest number of samples of each pixel that are traced together. Four f32 accumulators sum them (see [`super::fetch`]).
-pub(super) const CHUNK: usize = 16;
 
 /// Samples of the sixteen pixels of a patch, one lane for each pixel; film points and directions are relative to the
 /// pixel's centre direction.

@@ -12,9 +12,11 @@
 //! integrated twice. No ray is traced, and the only error is that of rounding.
 
 use super::means::PixelMeans;
+use super::overlay::shows_all_of_back;
+use super::patch::Patch;
 use super::scene::{FilmPlane, FilterTable, Pose, Scene, Surface, View};
 use super::texture::Texture;
-use crate::layer::{Layer, PerLayer};
+use crate::layer::Layer;
 use std::ops::Range;
 
 /// Number of regular points across and down a pixel that count as R's paths.
@@ -25,6 +27,8 @@ pub(super) struct ClosedForm<'a> {
     texture: &'a Texture,
     columns: Axis,
     rows: Axis,
+    /// True if the pane's edges or cards cover a part of R, which is then sampled.
+    is_covered: bool,
 }
 
 /// Texels of each column (or row) of a tile, and their shares.
@@ -38,15 +42,14 @@ struct Axis {
     inside: Vec<u64>,
 }
 
-/// Returns the view of the back photograph if R has a closed form: from its own centre, in a flat mirror, and with neither
-/// the pane's edges nor cards in the way.
+/// Returns the view of the back photograph if R has a closed form where nothing covers it: from its own centre, in a flat mirror.
 pub(super) fn closed_view(scene: &Scene) -> Option<&View> {
-    let is_covered = scene.cover.outline.is_some() || !scene.cover.cards[1].is_empty();
-    if is_covered || scene.bow.is_some() {
-        return None;
-    }
     match &scene.back {
-        Surface::Sheet(view) if view.pose == Pose::Aligned { extra_m: 0.0 } => Some(view),
+        Surface::Sheet(view)
+            if view.pose == Pose::Aligned { extra_m: 0.0 } && scene.bow.is_none() =>
+        {
+            Some(view)
+        }
         _ => None,
     }
 }
@@ -57,29 +60,41 @@ impl<'a> ClosedForm<'a> {
     pub(super) fn new(scene: &'a Scene, columns: Range<u32>, rows: Range<u32>) -> Option<Self> {
         let view = closed_view(scene).filter(|_| scene.layers[Layer::CleanReflection])?;
         let axis = |k, pixels| Axis::new(&scene.film, view, k, pixels);
-        Some(Self { texture: &view.texture, columns: axis(0, columns), rows: axis(1, rows) })
+        Some(Self {
+            texture: &view.texture,
+            columns: axis(0, columns),
+            rows: axis(1, rows),
+            is_covered: scene.cover.may_cover_clean_reflection(),
+        })
     }
 
-    /// Writes R of the tile's pixels, and counts its paths, [`POINTS`] by [`POINTS`] for each. The three means are equal, so
-    /// that R states no error.
+    /// True if R of all pixels of the patch at (`x`, `y`) has a closed form.
     #[inline(always)]
-    pub(super) fn fill(
-        &self,
-        pixels: &mut [PixelMeans],
-        paths: &mut PerLayer<u64>,
-        misses: &mut PerLayer<u64>,
-    ) {
-        let (r, width) = (Layer::CleanReflection, self.columns.first.len());
-        for (q, pixel) in pixels.iter_mut().enumerate() {
-            let value = self.pixel(q % width, q / width);
-            for means in [&mut pixel.mean, &mut pixel.half, &mut pixel.quarter] {
-                means[r as usize] = value;
-            }
+    pub(super) fn has(&self, scene: &Scene, (x, y): (u32, u32)) -> bool {
+        !self.is_covered || shows_all_of_back(scene, &Patch::new(scene, x, y))
+    }
+
+    /// True if the tile takes no samples of R.
+    pub(super) fn is_all(&self) -> bool {
+        !self.is_covered
+    }
+
+    /// Writes R of a pixel of the tile. The three means are equal, so that R states no error.
+    #[inline(always)]
+    pub(super) fn write(&self, index: usize, pixel: &mut PixelMeans) {
+        let width = self.columns.first.len();
+        let value = self.pixel(index % width, index / width);
+        for means in [&mut pixel.mean, &mut pixel.half, &mut pixel.quarter] {
+            means[Layer::CleanReflection as usize] = value;
         }
-        let inside = |axis: &Axis| axis.inside.iter().sum::<u64>();
-        let all = pixels.len() as u64 * POINTS * POINTS;
-        paths[r] += all;
-        misses[r] += all - inside(&self.columns) * inside(&self.rows);
+    }
+
+    /// Returns the paths of a pixel, [`POINTS`] by [`POINTS`], and those that miss the photograph.
+    #[inline(always)]
+    pub(super) fn paths(&self, index: usize) -> [u64; 2] {
+        let width = self.columns.first.len();
+        let inside = self.columns.inside[index % width] * self.rows.inside[index / width];
+        [POINTS * POINTS, POINTS * POINTS - inside]
     }
 
     /// Returns R of the pixel in a column and a row of the tile.
@@ -206,6 +221,7 @@ mod tests {
             texture: &view.texture,
             columns: Axis::new(film, view, 0, 0..film.width),
             rows: Axis::new(film, view, 1, 0..film.height),
+            is_covered: false,
         }
     }
 
@@ -293,11 +309,15 @@ mod tests {
     fn pixels_beyond_the_photograph_are_counted() {
         let (film, view) = place(false, [12, 6], 1.0);
         let closed = closed(&film, &view);
-        let mut pixels = vec![PixelMeans::default(); 240];
-        let (mut paths, mut misses) = (PerLayer::default(), PerLayer::default());
-        closed.fill(&mut pixels, &mut paths, &mut misses);
+        let (mut paths, mut misses, mut pixel) = (0, 0, PixelMeans::default());
+        for index in 0..240 {
+            let [all, beyond] = closed.paths(index);
+            (paths, misses) = (paths + all, misses + beyond);
+        }
+        closed.write(7, &mut pixel);
         // The outermost pixel centres of the depth image are 10 and 4 px of the film apart.
-        assert_eq!((paths.0, misses.0), ([0, 0, 0, 240 * 256], [0, 0, 0, (240 - 10 * 4) * 256]));
-        assert!(pixels[7].mean == pixels[7].half && pixels[7].mean == pixels[7].quarter);
+        assert_eq!((paths, misses), (240 * 256, (240 - 10 * 4) * 256));
+        assert!(pixel.mean == pixel.half && pixel.mean == pixel.quarter);
+        assert_eq!(pixel.mean[3], closed.pixel(7, 0));
     }
 }

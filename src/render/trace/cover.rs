@@ -13,12 +13,10 @@
 
 mod card;
 mod outline;
-mod overlay;
 
 pub use card::Card;
 pub(super) use outline::Entries;
 pub use outline::Outline;
-pub(super) use overlay::{Overlay, meets};
 
 use super::slab::Order;
 
@@ -32,6 +30,11 @@ pub struct Cover {
 }
 
 impl Cover {
+    /// True if edges or cards may cover a part of R.
+    pub(super) fn may_cover_clean_reflection(&self) -> bool {
+        self.outline.is_some() || !self.cards[1].is_empty()
+    }
+
     /// True if the rays of `order` may pass beside the glass, without a shift.
     pub(super) fn may_pass_beside(&self, order: Option<Order>) -> bool {
         self.outline.is_some() && order == Some(Order::Transmitted(0))

@@ -27,6 +27,7 @@
 #![allow(clippy::cast_possible_wrap, reason = "grids and textures have fewer than 2^31 elements")]
 
 mod adaptive;
+mod bent;
 mod bow;
 mod bundle;
 mod camera;
@@ -41,6 +42,7 @@ mod lines;
 mod means;
 mod mesh;
 mod orders;
+mod overlay;
 mod patch;
 mod probe;
 mod sampler;

@@ -41,6 +41,17 @@ impl Patch {
     }
 }
 
+impl Patch {
+    /// Returns the tangents between which the film points of the patch lie, across and down.
+    pub(super) fn film_bounds(&self, scene: &Scene) -> [[f64; 2]; 2] {
+        let radius_px = scene.film.filter_radius_px();
+        [0, 1].map(|k| {
+            let reach = scene.film.pixel_tangent()[k] * radius_px;
+            [self.exact_center[k][0] - reach, self.exact_center[k][LANES - 1] + reach]
+        })
+    }
+}
+
 /// Bounds of the camera samples of all pixels of a square.
 pub(super) struct Area {
     /// Direction of the square's centre, tangents.

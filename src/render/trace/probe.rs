@@ -3,10 +3,10 @@
 //! A probe prepares camera samples and lines once. Each call then finds every bundle's span and walks the grid; the
 //! caller measures the time.
 
-use super::camera::{CHUNK, CameraChunk};
+use super::camera::CameraChunk;
 use super::closed::closed_view;
 use super::isa::{AVX2, AVX512, BASELINE, Isa};
-use super::lanes::{LANES, Lane};
+use super::lanes::{CHUNK, LANES, Lane};
 use super::lines::{LineMaker, Path, ViewLanes, path_of, span_of_area, span_of_lines};
 use super::patch::{Area, PATCH_PX, Patch};
 use super::sampler::{PixelSeed, SeedLanes, points};
@@ -122,7 +122,8 @@ impl<'a> BundleProbe<'a> {
                 path_of(scene, order, index.unwrap_or(0))
             }
         };
-        if order.is_none() && closed_view(scene).is_some() {
+        let is_covered = scene.cover.may_cover_clean_reflection();
+        if order.is_none() && closed_view(scene).is_some() && !is_covered {
             return None;
         }
         let step = step_px.div_ceil(PATCH_PX).max(1) * PATCH_PX;

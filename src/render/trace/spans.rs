@@ -1,8 +1,7 @@
 //! Finds the spans of bundles: of squares of the film, so that one search serves several patches, or of single pixels.
 
 use super::bundle::Bundle;
-use super::camera::CHUNK;
-use super::lanes::LANES;
+use super::lanes::{CHUNK, LANES};
 use super::lines::{ViewLanes, span_of_area};
 use super::patch::{Area, PATCH_PX};
 use super::scene::{Scene, View};

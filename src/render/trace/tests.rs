@@ -2,10 +2,10 @@
 
 #![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 
-use super::camera::{CHUNK, CameraChunk};
+use super::camera::CameraChunk;
 use super::footprint::{Footprint, span};
 use super::isa::BASELINE;
-use super::lanes::LANES;
+use super::lanes::{CHUNK, LANES};
 use super::lines::{
     LineMaker, Path, ViewLanes, closed_form, footprint_of_lines, span_of_area, span_of_lines,
 };

@@ -9,7 +9,7 @@ use super::patch::PATCH_PX;
 use super::sampler::BLOCK;
 use super::scene::Scene;
 use super::tracer::Tracer;
-use crate::layer::PerLayer;
+use crate::layer::{Layer, PerLayer};
 use std::ops::Range;
 
 /// A rectangle of the film, px.
@@ -116,31 +116,43 @@ fn trace<const ISA: u8>(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileR
         return adaptive::trace::<ISA>(scene, tile, target);
     }
     let closed = ClosedForm::new(scene, tile.columns(), tile.rows());
-    let mut wanted = Wanted::of(scene.layers);
-    wanted.clean &= closed.is_none();
+    let all = Wanted::of(scene.layers);
     let count = samples.end - samples.start;
     let clean = scene.orders.clean_spp(scene.spp).clamp(samples.start, samples.end) - samples.start;
+    let is_all_closed = closed.as_ref().is_some_and(ClosedForm::is_all);
     let mut tracer = Tracer::<ISA>::new(scene);
     let mut pixels = vec![PixelMeans::default(); (tile.width * tile.height) as usize];
+    let (mut closed_paths, mut closed_misses) = (0, 0);
     for y in patches(tile.y, tile.height) {
         for x in patches(tile.x, tile.width) {
             let lanes = tile.lanes((x, y));
+            let closed = closed.as_ref().filter(|closed| closed.has(scene, (x, y)));
+            let wanted = Wanted { clean: all.clean && closed.is_none(), ..all };
             let components = tracer.patch((x, y), &lanes, &samples, clean, wanted);
             for (pixel, components) in lanes.into_iter().zip(components) {
                 if let Some(pixel) = pixel {
                     pixels[pixel] = components.pixel(scene.layers);
+                    // Where a part of R is sampled, each range with samples of R has the closed form of the other pixels.
+                    let Some(closed) = closed else { continue };
+                    if samples.start == 0 || (!is_all_closed && clean > 0) {
+                        closed.write(pixel, &mut pixels[pixel]);
+                    }
+                    if samples.start == 0 {
+                        let [of_pixel, beyond] = closed.paths(pixel);
+                        (closed_paths, closed_misses) =
+                            (closed_paths + of_pixel, closed_misses + beyond);
+                    }
                 }
             }
         }
     }
     let (mut paths, mut misses) = tracer.counts();
-    if let Some(closed) = closed.as_ref().filter(|_| samples.start == 0) {
-        closed.fill(&mut pixels, &mut paths, &mut misses);
-    }
+    paths[Layer::CleanReflection] += closed_paths;
+    misses[Layer::CleanReflection] += closed_misses;
     let block = count.min(BLOCK as u32);
     let strongest = scene.orders.back.first();
     let reflected = strongest.map_or(count, |o| o.samples_of_block(block) * (count / block));
-    let clean = if closed.is_some() { 0 } else { clean };
+    let clean = if is_all_closed { 0 } else { clean };
     let taken = PerLayer([count, count, reflected, clean]);
     TileResult {
         pixels,

@@ -16,9 +16,9 @@
 //! that no lane is idle if pixels take few samples.
 
 use super::bundle::{Bundle, BundleRays, Feeds};
-use super::camera::{CHUNK, CameraChunk};
+use super::camera::CameraChunk;
 use super::isa::{BASELINE, Isa};
-use super::lanes::LANES;
+use super::lanes::{CHUNK, LANES};
 use super::lines::{Path, ViewLanes, path_of};
 use super::means::{
     Components, LaneSums, Means, NO_SUMS, NOTHING, Wanted, add_means_of, ends_in_block,

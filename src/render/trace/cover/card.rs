@@ -15,8 +15,8 @@ pub struct Card {
     gradients: [Vec3; 2],
     at_origin: [f32; 2],
     /// Tangents `[least, most]` between which the lens's centre sees the card, across and down, and the least z of the card.
-    pub(super) seen: [[f64; 2]; 2],
-    pub(super) nearest_z_m: f64,
+    pub(in super::super) seen: [[f64; 2]; 2],
+    pub(in super::super) nearest_z_m: f64,
     /// Radiance times alpha, and alpha.
     picture: Arc<Texture>,
 }
@@ -49,7 +49,7 @@ impl Card {
     /// Finds the places at which sixteen rays meet the card before `surface_z_m`: coordinates of the picture, and 1 for a hit
     /// or 0. The rays have these points in the plane z = 0, and the directions (x, y, 1).
     #[inline(always)]
-    pub(super) fn hits(
+    pub(in super::super) fn hits(
         &self,
         point: &[Lane; 2],
         direction: &[Lane; 2],
@@ -72,7 +72,7 @@ impl Card {
 
     /// Interpolates radiance times alpha, and alpha, between the four nearest pixel centres.
     #[inline(always)]
-    pub(super) fn texel(&self, u: f32, v: f32) -> [f32; 4] {
+    pub(in super::super) fn texel(&self, u: f32, v: f32) -> [f32; 4] {
         let picture = &self.picture;
         let (width, height) = (picture.width(), picture.height());
         let along = |at: f32, size: usize| {
@@ -80,9 +80,14 @@ impl Card {
             (at as usize, at - (at as usize) as f32)
         };
         let ((i, right), (j, below)) = (along(u, width), along(v, height));
-        // A texture stores one more column and row than it has.
-        let (upper, lower) = (picture.row(j, i, 2), picture.row(j + 1, i, 2));
-        let mix = |row: &[[f32; 4]], k: usize| row[0][k] * (1.0 - right) + row[1][k] * right;
+        let cell = (j * picture.stride() + i) as u32;
+        #[allow(unsafe_code, reason = "see Texture::quad")]
+        // SAFETY: i < width and j < height.
+        let (upper, lower) = unsafe {
+            let [upper, lower] = picture.quad(cell);
+            (&*upper, &*lower)
+        };
+        let mix = |row: &[f32; 8], k: usize| row[k] * (1.0 - right) + row[4 + k] * right;
         [0, 1, 2, 3].map(|k| mix(upper, k) * (1.0 - below) + mix(lower, k) * below)
     }
 }

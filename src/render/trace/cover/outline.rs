@@ -1,7 +1,6 @@
 //! The rectangle of the glass and its frame, and the places at which rays meet them.
 
-use super::super::camera::CHUNK;
-use super::super::lanes::{LANES, Lane};
+use super::super::lanes::{CHUNK, LANES, Lane};
 use super::super::slab::Slab;
 use glam::DVec3;
 
@@ -20,12 +19,30 @@ pub struct Outline {
     pub frame_radiance: [f32; 3],
 }
 
+impl Outline {
+    /// True if all pinhole rays between these tangents (across, down) meet glass. A projection maps the rectangle to a convex
+    /// quadrangle of the pane's plane.
+    pub(in super::super) fn is_filled_by_glass(&self, slab: &Slab, film: [[f64; 2]; 2]) -> bool {
+        let corners = [(0, 0), (0, 1), (1, 0), (1, 1)];
+        corners.into_iter().all(|(i, j)| {
+            let d = DVec3::new(film[0][i], film[1][j], 1.0);
+            let from_pivot =
+                slab.plane_distance_m / d.dot(slab.normal) * d - DVec3::Z * self.distance_m;
+            (0..2).all(|k| {
+                let (at, [lo, hi]) = (from_pivot.dot(self.axes[k]), self.glass_m[k]);
+                // The tracer rounds entries to f32.
+                lo + 1.0e-6 <= at && at <= hi - 1.0e-6
+            })
+        })
+    }
+}
+
 /// Places at which the rays of a chunk meet the plane of the front face. Without an outline, all meet glass.
 pub(in super::super) struct Entries {
     /// 1 where a ray meets glass, else 0.
     pub(in super::super) glass: [Lane; CHUNK],
     /// 1 where a ray meets the frame, else 0.
-    pub(super) frame: [Lane; CHUNK],
+    pub(in super::super) frame: [Lane; CHUNK],
     /// True if all rays meet glass.
     pub(in super::super) all_glass: bool,
     /// True if any ray meets glass.

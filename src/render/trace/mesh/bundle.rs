@@ -1,12 +1,11 @@
 //! Traces a bundle of one order against a mesh, with the same weights as against a grid.
 
 use super::super::bundle::Bundle;
-use super::super::camera::CHUNK;
-use super::super::cover::Overlay;
 use super::super::isa::Isa;
-use super::super::lanes::LANES;
+use super::super::lanes::{CHUNK, LANES};
 use super::super::lines::Path;
 use super::super::means::LaneSums;
+use super::super::overlay::Overlay;
 use super::super::scene::Scene;
 use super::super::shade::{absorbed, weights};
 use super::super::slab::Order;

@@ -2,8 +2,8 @@
 
 #![allow(clippy::print_stdout, reason = "measured deviations, shown by --nocapture")]
 
-use super::super::camera::{CHUNK, CameraChunk};
-use super::super::lanes::{LANES, Lane};
+use super::super::camera::CameraChunk;
+use super::super::lanes::{CHUNK, LANES, Lane};
 use super::super::lines::{LineMaker, Path, ViewLanes, points};
 use super::super::patch::Patch;
 use super::super::slab::Order;

@@ -1,33 +1,34 @@
 //! Effects of outline, frame and cards on the rays of a bundle.
 
-use super::super::camera::CHUNK;
-use super::super::fetch::{Factors, Hits};
-use super::super::lanes::{LANES, Lane};
-use super::super::lines::Path;
-use super::super::means::LaneSums;
-use super::super::patch::Patch;
-use super::super::scene::Scene;
-use super::super::slab::Order;
-use super::{Card, Cover, Entries};
+use super::cover::{Card, Cover, Entries};
+use super::fetch::{Factors, Hits};
+use super::lanes::{CHUNK, LANES, Lane};
+use super::lines::Path;
+use super::means::LaneSums;
+use super::patch::Patch;
+use super::scene::Scene;
+use super::slab::Order;
 
 /// Shares of the surface's radiance that reach the rays of a bundle, and radiance of the frame and of cards.
-pub(in super::super) struct Overlay {
+pub(super) struct Overlay {
     /// Share of the surface's radiance.
-    pub(in super::super) through: [Lane; CHUNK],
+    pub(super) through: [Lane; CHUNK],
     /// Radiance of the frame and of cards. The fourth number of a colour is padding.
-    pub(in super::super) added: [[[f32; 4]; LANES]; CHUNK],
+    pub(super) added: [[[f32; 4]; LANES]; CHUNK],
+}
+
+/// True if all rays of R in a patch meet glass, and no card of the back.
+pub(super) fn shows_all_of_back(scene: &Scene, patch: &Patch) -> bool {
+    let outline = scene.cover.outline.as_ref();
+    outline.is_none_or(|outline| outline.is_filled_by_glass(&scene.slab, patch.film_bounds(scene)))
+        && !meets(scene, &scene.cover.cards[1], patch, Path::Pinhole)
 }
 
 /// True if rays of `patch` along `path` may meet one of the `cards`.
 ///
 /// A line to the point X of a card has the direction d = (X - p) / X_z, with its point p in the plane of the lens: a lens point,
 /// shifted by at most `kappa (1 + |d|)`. The film point is d plus the lens point over the focus distance.
-pub(in super::super) fn meets(
-    scene: &Scene,
-    cards: &[Card],
-    patch: &Patch,
-    path: Path<'_>,
-) -> bool {
+pub(super) fn meets(scene: &Scene, cards: &[Card], patch: &Patch, path: Path<'_>) -> bool {
     if cards.is_empty() {
         return false;
     }
@@ -38,11 +39,7 @@ pub(in super::super) fn meets(
         _ => (scene.lens.aperture_radius_m, scene.lens.inverse_focus_per_m),
     };
     let spread = aperture_m * inverse_focus_per_m;
-    let radius_px = scene.film.filter_radius_px();
-    let film = [0, 1].map(|k| {
-        let reach = scene.film.pixel_tangent()[k] * radius_px;
-        [patch.exact_center[k][0] - reach, patch.exact_center[k][LANES - 1] + reach]
-    });
+    let film = patch.film_bounds(scene);
     let steepest = film.iter().flatten().fold(0.0, |most, v| v.abs().max(most)) + spread;
     let point_m = aperture_m + path.largest_shift_m() * (1.0 + steepest);
     cards.iter().any(|card| {
@@ -59,13 +56,13 @@ pub(in super::super) fn meets(
 }
 
 impl Overlay {
-    pub(in super::super) fn new() -> Box<Self> {
+    pub(super) fn new() -> Box<Self> {
         Box::new(Self { through: [[1.0; LANES]; CHUNK], added: [[[0.0; 4]; LANES]; CHUNK] })
     }
 
     /// Begins with the outline and the frame, for `count` samples along `order` (`None`: R's pinhole path).
     #[inline(always)]
-    pub(in super::super) fn begin(
+    pub(super) fn begin(
         &mut self,
         cover: &Cover,
         entries: &Entries,
@@ -89,16 +86,17 @@ impl Overlay {
     }
 
     /// Lays the cards over the surface for sample `s`, which has these points in the plane z = 0, directions (x, y, 1), and z
-    /// of the surface.
+    /// of the surface. Returns false if no ray meets a card.
     #[inline(always)]
-    pub(in super::super) fn lay(
+    pub(super) fn lay(
         &mut self,
         cards: &[Card],
         s: usize,
         point: &[Lane; 2],
         direction: &[Lane; 2],
         surface_z_m: &Lane,
-    ) {
+    ) -> bool {
+        let mut meets = false;
         // Neither the frame nor rays that end at the edge show a card.
         let ends = self.through[s].map(|through| through == 0.0);
         for card in cards {
@@ -106,6 +104,7 @@ impl Overlay {
             if hit.iter().all(|hit| *hit == 0) {
                 continue;
             }
+            meets = true;
             for l in 0..LANES {
                 if hit[l] == 1 && !ends[l] {
                     let [r, g, b, alpha] = card.texel(at[0][l], at[1][l]);
@@ -116,12 +115,13 @@ impl Overlay {
                 }
             }
         }
+        meets
     }
 
     /// Adds the weighted radiance of frame and cards to the three parts of `sums`, which begin at `ends`; with `bare`, also the
     /// unweighted radiance to it.
     #[inline(always)]
-    pub(in super::super) fn add(
+    pub(super) fn add(
         &self,
         hits: &Hits,
         factors: Factors,
@@ -129,19 +129,27 @@ impl Overlay {
         sums: &mut LaneSums,
         mut bare: Option<&mut LaneSums>,
     ) {
-        for s in 0..ends[2] {
-            let part = usize::from(s >= ends[0]) + usize::from(s >= ends[1]);
-            for l in 0..LANES {
-                let added = self.added[s][l];
-                for c in 0..3 {
+        for (part, samples) in
+            [0..ends[0], ends[0]..ends[1], ends[1]..ends[2]].into_iter().enumerate()
+        {
+            for l in 0..if samples.is_empty() { 0 } else { LANES } {
+                let (mut weighted, mut plain) = ([0f32; 4], [0f32; 4]);
+                for s in samples.clone() {
+                    let added = &self.added[s][l];
                     let factor = match factors {
-                        Factors::One => 1.0,
-                        Factors::Grey => hits.grey[s][l],
-                        Factors::Colour => hits.colour[s][l][c],
+                        Factors::One => [1.0; 4],
+                        Factors::Grey => [hits.grey[s][l]; 4],
+                        Factors::Colour => hits.colour[s][l],
                     };
-                    sums[part][l][c] += f64::from(added[c] * factor);
+                    for k in 0..4 {
+                        weighted[k] += added[k] * factor[k];
+                        plain[k] += added[k];
+                    }
+                }
+                for k in 0..4 {
+                    sums[part][l][k] += f64::from(weighted[k]);
                     if let Some(bare) = bare.as_deref_mut() {
-                        bare[part][l][c] += f64::from(added[c]);
+                        bare[part][l][k] += f64::from(plain[k]);
                     }
                 }
             }
