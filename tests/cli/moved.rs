@@ -43,9 +43,13 @@ fn a_folder_that_is_deleted_or_moved_is_not_made_again() {
             let _ = fs::remove_dir_all(run);
         }
     };
-    disturbed(&deleted, remove)
-        .expect(1)
-        .says(&["was deleted, moved or replaced", text(&deleted.run)]);
+    let ended = disturbed(&deleted, remove);
+    if ended.code == Some(4) {
+        // A deletion removes one file after another: the inputs of the next scenes may vanish before the folder does.
+        ended.says(&["the files of no scene can be opened", text(&deleted.run)]);
+    } else {
+        ended.expect(1).says(&["was deleted, moved or replaced", text(&deleted.run)]);
+    }
     assert_no_tuple(&deleted.run);
 
     let moved = planned();

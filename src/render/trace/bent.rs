@@ -230,8 +230,16 @@ impl BentRays {
     /// Computes the weights of an order for sample `s`, without absorption.
     #[inline(always)]
     pub(super) fn weights(&self, order: Order, s: usize) -> Lane {
-        let of = |v: &[[[Lane; CHUNK]; 2]; 2]| [0, 1].map(|face| [v[face][0][s], v[face][1][s]]);
-        weights_of_faces(order, &of(&self.reflectance), &of(&self.transmittance))
+        let ([front, rear], [through_front, through_rear]) =
+            (&self.reflectance, &self.transmittance);
+        weights_of_faces(
+            order,
+            [[&front[0][s], &front[1][s]], [&rear[0][s], &rear[1][s]]],
+            [
+                [&through_front[0][s], &through_front[1][s]],
+                [&through_rear[0][s], &through_rear[1][s]],
+            ],
+        )
     }
 
     /// Returns the length of a pass over the thickness, for sample `s`.

@@ -174,8 +174,11 @@ impl BundleRays {
         };
         let is_covered = bundle.is_covered(scene) && self.cover(scene, view, bundle);
         let is_bare = bundle.feeds == Feeds::Bare;
-        let order = bundle.order.filter(|_| !is_bare);
-        let factors = order.map_or(Factors::One, |order| self.weigh(scene, bundle, order));
+        // Not a closure: the compiler would not inline it, and would compile it for the baseline.
+        let factors = match bundle.order {
+            Some(order) if !is_bare => self.weigh(scene, bundle, order),
+            _ => Factors::One,
+        };
         let mut misses = [0; LANES];
         for s in 0..count {
             let lines = &self.lines[s];
@@ -282,7 +285,9 @@ impl BundleRays {
             for c in 0..if absorbs { 3 } else { 0 } {
                 let optical_depth = (slab.absorption_per_m[c] * slab.thickness_m) as f32;
                 let colour = absorbed(&weight, order, optical_depth, inverse_cos_t);
-                (0..LANES).for_each(|l| hits.colour[s][l][c] = colour[l]);
+                for l in 0..LANES {
+                    hits.colour[s][l][c] = colour[l];
+                }
             }
         }
         if absorbs { Factors::Colour } else { Factors::Grey }

@@ -129,7 +129,7 @@ fn colour_weights(
     s: usize,
 ) -> [[f32; LANES]; 3] {
     if let Path::Stack(table) = path {
-        let colours: [[f32; 3]; LANES] = std::array::from_fn(|l| table.colours(camera, s, l));
+        let colours: [[f32; 4]; LANES] = std::array::from_fn(|l| table.colours(camera, s, l));
         return [0, 1, 2].map(|c| colours.map(|colour| colour[c]));
     }
     let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);

@@ -20,7 +20,7 @@ const POINTS: usize = 6;
 /// Largest number of layers that a path crosses. The light of longer paths joins the last order, too.
 const MOST_PASSAGES: usize = 64;
 
-/// Coefficients of a cell by power of the position in it: shift (m), and weights of red, green and blue.
+/// Coefficients of a cell by power of the position in it: weights of red, green and blue, and shift (m).
 type Cell = [[f32; 4]; 4];
 
 /// The followed orders of a stack, over the cosines of incidence of a film.
@@ -129,7 +129,7 @@ impl StackTable {
         let crossed = stack.crossed(&candidate.order);
         let values = |i: usize| {
             let [r, g, b] = candidate.weights[i];
-            [shift_m(thickness_m, &crossed, cosines[i]), r, g, b]
+            [r, g, b, shift_m(thickness_m, &crossed, cosines[i])]
         };
         let (mut cells, mut worst) = (vec![], 0.0f64);
         for start in (0..cosines.len() - 1).step_by(POINTS) {
@@ -138,7 +138,7 @@ impl StackTable {
                 let (exact, x) = (values(start + i), i as f64 / POINTS as f64);
                 for k in 0..4 {
                     let found = powers.iter().rev().fold(0.0, |sum, power| sum * x + power[k]);
-                    let unit = if k == 0 { 0.1 } else { 1.0 };
+                    let unit = if k == 3 { 0.1 } else { 1.0 };
                     worst = worst.max((found - exact[k]).abs() / unit);
                 }
             }
@@ -160,33 +160,35 @@ impl StackTable {
     /// Returns the tabulated shifts of sample `s` of a chunk, m.
     #[inline(always)]
     pub(in super::super) fn shifts(&self, camera: &CameraChunk, s: usize) -> Lane {
-        self.column(camera, s, 0)
+        self.column::<3>(camera, s)
     }
 
     /// Returns the tabulated weights of red of sample `s` of a chunk; those of all colours, if the stack is not coloured.
     #[inline(always)]
     pub(in super::super) fn weights(&self, camera: &CameraChunk, s: usize) -> Lane {
-        self.column(camera, s, 1)
+        self.column::<0>(camera, s)
     }
 
-    /// Returns the tabulated weights of red, green and blue of pixel `l` in sample `s` of a chunk.
+    /// Returns the tabulated weights of red, green and blue of pixel `l` in sample `s` of a chunk, and the shift, m.
     #[inline(always)]
-    pub(in super::super) fn colours(&self, camera: &CameraChunk, s: usize, l: usize) -> [f32; 3] {
+    pub(in super::super) fn colours(&self, camera: &CameraChunk, s: usize, l: usize) -> [f32; 4] {
         let (cell, x) = (&self.cells[camera.cell[s][l] as usize], camera.within[s][l]);
         let mut values = cell[3];
         for power in [&cell[2], &cell[1], &cell[0]] {
-            (0..4).for_each(|k| values[k] = values[k] * x + power[k]);
+            for k in 0..4 {
+                values[k] = values[k] * x + power[k];
+            }
         }
-        [values[1], values[2], values[3]]
+        values
     }
 
     #[inline(always)]
-    fn column(&self, camera: &CameraChunk, s: usize, k: usize) -> Lane {
+    fn column<const K: usize>(&self, camera: &CameraChunk, s: usize) -> Lane {
         let mut lanes = [0.0; LANES];
         for l in 0..LANES {
             let cell = &self.cells[camera.cell[s][l] as usize];
             let x = camera.within[s][l];
-            lanes[l] = ((cell[3][k] * x + cell[2][k]) * x + cell[1][k]) * x + cell[0][k];
+            lanes[l] = ((cell[3][K] * x + cell[2][K]) * x + cell[1][K]) * x + cell[0][K];
         }
         lanes
     }
