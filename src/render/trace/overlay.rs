@@ -98,7 +98,7 @@ impl Overlay {
     ) -> bool {
         let mut meets = false;
         // Neither the frame nor rays that end at the edge show a card.
-        let begun = self.through[s];
+        let ends = self.through[s].map(|through| through == 0.0);
         for card in cards {
             let (at, hit) = card.hits(point, direction, surface_z_m);
             if hit.iter().all(|hit| *hit == 0) {
@@ -106,7 +106,7 @@ impl Overlay {
             }
             meets = true;
             for l in 0..LANES {
-                if hit[l] == 1 && begun[l] != 0.0 {
+                if hit[l] == 1 && !ends[l] {
                     let [r, g, b, alpha] = card.texel(at[0][l], at[1][l]);
                     let rest = 1.0 - alpha;
                     self.through[s][l] *= rest;

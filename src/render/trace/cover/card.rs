@@ -87,14 +87,8 @@ impl Card {
             let [upper, lower] = picture.quad(cell);
             (&*upper, &*lower)
         };
-        let (left, above) = (1.0 - right, 1.0 - below);
-        let mut value = [0.0; 4];
-        for k in 0..4 {
-            let of_upper = upper[k] * left + upper[4 + k] * right;
-            let of_lower = lower[k] * left + lower[4 + k] * right;
-            value[k] = of_upper * above + of_lower * below;
-        }
-        value
+        let mix = |row: &[f32; 8], k: usize| row[k] * (1.0 - right) + row[4 + k] * right;
+        [0, 1, 2, 3].map(|k| mix(upper, k) * (1.0 - below) + mix(lower, k) * below)
     }
 }
 
