@@ -1,6 +1,6 @@
 //! Pauses, resumes and cancels a run while one or more processes work on it; no result is lost.
 
-use crate::processes::{alone, coordinator, end, results, slow_place, start};
+use crate::processes::{LONG_SLEEP, alone, coordinator, end, results, slow_place, start};
 use crate::support::nats::Nats;
 use crate::support::outputs::{assert_same, tuples};
 use crate::support::program::{Running, command, run, send, text};
@@ -9,8 +9,8 @@ use crate::support::tools::wait_for;
 use serde_json::Value;
 use std::time::Duration;
 
-/// Options of a slow worker: a run lasts longer than its processes need to notice a pause.
-const SLOW: [&str; 4] = ["-j", "1", "--fault", "slow:2"];
+/// Options of a slow worker.
+const SLOW: [&str; 4] = ["-j", "1", LONG_SLEEP[0], LONG_SLEEP[1]];
 
 /// A time longer than the interval between two polls of a folder.
 const LOOK: Duration = Duration::from_millis(2500);

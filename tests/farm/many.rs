@@ -113,7 +113,7 @@ fn a_stopped_worker_requeues_its_work() {
 #[test]
 fn an_idle_worker_gets_a_part_of_a_scene() {
     let Some(server) = Nats::start() else { return };
-    let place = place();
+    let mut place = place();
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
     let one = recipe
         .replace("spp = 256", "spp = 16384")
@@ -121,6 +121,7 @@ fn an_idle_worker_gets_a_part_of_a_scene() {
         .replace("[[split]]\nname = \"test\"\npairs = { sample = 1 }\n", "");
     std::fs::write(&place.recipe, one).unwrap();
     place.plan();
+    place.is_slow = true;
     let coordinator = coordinator(&place, &server);
     let busy = worker(&place, &server);
     wait_for("a result", || results(&place.run) > 2);

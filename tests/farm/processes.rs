@@ -11,12 +11,20 @@ use std::process::Output;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Plans scenes that take a few tenths of a second each, so that tests have time to kill a process.
+/// A sleep of 2 ms in each shard of a worker: the 192 shards of a scene of [`slow_place`] take at least 0.4 s on every
+/// machine, so that tests have time to stop a process.
+pub(crate) const SLEEP: [&str; 2] = ["--fault", "cost:4,192,0.002,0,0,0,0"];
+
+/// A sleep of 20 ms in each shard: a scene takes longer than processes need to notice that their run is paused.
+pub(crate) const LONG_SLEEP: [&str; 2] = ["--fault", "cost:4,192,0.02,0,0,0,0"];
+
+/// Plans scenes of 192 shards. Workers that [`start`] starts sleep in each of their shards.
 pub(crate) fn slow_place() -> Place {
-    let place = place();
+    let mut place = place();
     let recipe = std::fs::read_to_string(&place.recipe).unwrap();
     std::fs::write(&place.recipe, recipe.replace("spp = 256", "spp = 2048")).unwrap();
     place.plan();
+    place.is_slow = true;
     place
 }
 
@@ -44,6 +52,9 @@ pub(crate) fn start(verb: &str, place: &Place, server: &Nats, more: &[&str]) -> 
     arguments.extend(more);
     if !more.contains(&"--lease-s") {
         arguments.extend(["--lease-s", "2"]);
+    }
+    if verb == "work" && place.is_slow {
+        arguments.extend(SLEEP);
     }
     command(&arguments).spawn().unwrap()
 }

@@ -1,6 +1,6 @@
 //! Tests `status --watch`, and `status` with only a store.
 
-use crate::processes::{all_done, end, slow_place, start};
+use crate::processes::{SLEEP, all_done, end, slow_place, start};
 use crate::support::nats::Nats;
 use crate::support::program::{command, run, send, text};
 use crate::support::scenes::{SCENES, place};
@@ -13,7 +13,7 @@ fn a_watch_ends_with_its_run() {
     let folder = text(&place.run);
     let lines = command(&["status", folder, "--watch", "0.2", "--json"]).spawn().unwrap();
     let plain = command(&["status", folder, "--watch=0.2"]).spawn().unwrap();
-    run(&["work", folder, "-j", "1", "-q"]).expect(0);
+    run(&["work", folder, "-j", "1", "-q", SLEEP[0], SLEEP[1]]).expect(0);
     let lines = end(lines).expect(0).stdout;
     let looks: Vec<Value> = lines.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     assert!(looks.len() > 3, "{lines}");

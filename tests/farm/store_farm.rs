@@ -1,7 +1,7 @@
 //! Tests a farm with its store in a bucket: workers have only the addresses of bucket and queue, and the tuples equal
 //! those of one process on a disk, whichever processes are killed.
 
-use crate::processes::{all_done, alone, end, slow_place};
+use crate::processes::{SLEEP, all_done, alone, end, slow_place};
 use crate::support::nats::Nats;
 use crate::support::outputs::{Tuples, assert_same, tuples};
 use crate::support::program::{Ended, Running, command, text};
@@ -39,6 +39,9 @@ fn worker(place: &Place, name: &str, queue: &Nats, bucket: &S3Server, more: &[&s
     let run = place.folder.path().join(name);
     let mut all = vec!["-j", "1"];
     all.extend(more);
+    if place.is_slow {
+        all.extend(SLEEP);
+    }
     start("work", &run, queue, bucket, &all)
 }
 

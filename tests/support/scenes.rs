@@ -46,6 +46,8 @@ pub(crate) struct Place {
     pub(crate) folder: TempDir,
     pub(crate) recipe: PathBuf,
     pub(crate) run: PathBuf,
+    /// Whether workers sleep in each shard.
+    pub(crate) is_slow: bool,
 }
 
 pub(crate) fn place() -> Place {
@@ -53,7 +55,7 @@ pub(crate) fn place() -> Place {
     let recipe = folder.path().join("small.toml");
     std::fs::write(&recipe, RECIPE).unwrap();
     let run = folder.path().join("run");
-    Place { folder, recipe, run }
+    Place { folder, recipe, run, is_slow: false }
 }
 
 impl Place {
