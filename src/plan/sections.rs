@@ -79,6 +79,7 @@ pub(super) fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
         layers: vec![],
         coatings: vec![],
         bow_radius_m: None,
+        roughness: None,
         outline: None,
     }
 }

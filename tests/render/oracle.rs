@@ -79,6 +79,12 @@ fn a_bent_pane_agrees() {
     agrees("windows/bowed");
 }
 
+/// A pane with rough faces, like frosted glass.
+#[test]
+fn a_rough_pane_agrees() {
+    agrees("windows/rough");
+}
+
 /// Renders the scene of an oracle, and compares each layer with its reference.
 fn agrees(name: &str) {
     let Some(folder) = oracle(name) else { return };

@@ -54,6 +54,12 @@ pub enum LineError {
         "glass.bow_radius_m bends a plain pane only: remove glass.layers and glass.coatings, or the radius"
     )]
     BowOfStack,
+    /// A list of roughnesses that does not fit the pane.
+    #[error(
+        "glass.roughness lists {found} value{}, but the pane has {faces} faces: give one number, or one for each face",
+        if *found == 1 { "" } else { "s" }
+    )]
+    FacesOfRoughness { found: usize, faces: usize },
     /// An outline without glass.
     #[error("{field} is [{low}, {high}], but its first number must be smaller than its second")]
     EmptyOutline { field: &'static str, low: f64, high: f64 },

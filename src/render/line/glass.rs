@@ -1,6 +1,7 @@
 //! The pane of a scene line: one layer of glass, or several layers of glass and gaps, with coatings.
 
 use super::outline::Outline;
+use super::roughness::Roughness;
 use serde::{Deserialize, Serialize};
 
 /// The plane-parallel pane.
@@ -23,6 +24,8 @@ pub struct Glass {
     pub coatings: Vec<FaceCoating>,
     /// Radius of the sphere to which the pane is bent: positive if its centre is on the camera's side; flat without it.
     pub bow_radius_m: Option<f64>,
+    /// Roughness of the faces, smooth without it.
+    pub roughness: Option<Roughness>,
     /// Edges of the pane; without them, the pane fills the picture.
     pub outline: Option<Outline>,
 }
@@ -84,6 +87,8 @@ struct GlassKeys {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     bow_radius_m: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    roughness: Option<Roughness>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     outline: Option<Outline>,
 }
 
@@ -91,7 +96,7 @@ impl TryFrom<GlassKeys> for Glass {
     type Error = String;
 
     fn try_from(keys: GlassKeys) -> Result<Self, String> {
-        let GlassKeys { distance_m, tilt_deg, layers, coatings, bow_radius_m, outline, .. } = keys;
+        let GlassKeys { distance_m, tilt_deg, layers, coatings, .. } = keys;
         let missing = |key: &str| format!("missing field `{key}` of glass, which has no `layers`");
         let (thickness_m, ior, absorption_per_m) = if layers.is_empty() {
             (
@@ -124,8 +129,9 @@ impl TryFrom<GlassKeys> for Glass {
             tilt_deg,
             layers,
             coatings,
-            bow_radius_m,
-            outline,
+            bow_radius_m: keys.bow_radius_m,
+            roughness: keys.roughness,
+            outline: keys.outline,
         })
     }
 }
@@ -142,6 +148,7 @@ impl From<Glass> for GlassKeys {
             layers: glass.layers,
             coatings: glass.coatings,
             bow_radius_m: glass.bow_radius_m,
+            roughness: glass.roughness,
             outline: glass.outline,
         }
     }
@@ -191,6 +198,9 @@ mod tests {
         let framed = |outline: &str| {
             format!(r#"{{"distance_m":1,"thickness_m":0.01,"ior":1.5,"outline":{{{outline}}}}}"#)
         };
+        let rough = |roughness: &str| {
+            format!(r#"{{"distance_m":1,"thickness_m":0.01,"ior":1.5,"roughness":{roughness}}}"#)
+        };
         let layers = |layers: &str| format!(r#"{{"distance_m":1,"layers":[{layers}]}}"#);
         let even = r#""reflectance":[0.5,0.5,0.5],"transmittance":[0.5,0.5,0.5]"#;
         for (glass, message) in [
@@ -233,6 +243,10 @@ mod tests {
                 layers(r#"{"glass_m":0.01,"ior":1.5}"#).replace("}]}", r#"}],"bow_radius_m":8}"#),
                 "glass.bow_radius_m bends a plain pane only: remove glass.layers and glass.coatings",
             ),
+            (rough("0.2"), "glass.roughness is 0.2, but must be 0 to 0.1"),
+            (rough("[0.01]"), "glass.roughness lists 1 value, but the pane has 2 faces"),
+            (rough("[0.01,-1]"), "glass.roughness[1] is -1, but must be 0 to 0.1"),
+            (rough(r#""matt""#), "glass.roughness must be a number, or a list"),
             (framed(r#""x_m":[0.1,0.1],"y_m":[0,1]"#), "glass.outline.x_m is [0.1, 0.1], but its"),
             (framed(r#""x_m":[0,1],"y_m":[2,1]"#), "glass.outline.y_m is [2, 1], but its first"),
             (framed(r#""x_m":[0,1]"#), "missing field `y_m`"),

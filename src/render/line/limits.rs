@@ -87,6 +87,7 @@ fn row(key: &str) -> Option<Limit> {
         "layers.glass_m" | "layers.gap_m" | "layers.absorption_per_m" => FROM_0,
         "glass.ior" | "layers.ior" => Limit::between(1.0, 10.0, "1 to 10"),
         "coatings.reflectance" | "coatings.transmittance" => Limit::between(0.0, 1.0, "0 to 1"),
+        "glass.roughness" => Limit::between(0.0, 0.1, "0 to 0.1"),
         "outline.x_m" | "outline.y_m" | "cards.center_m" => FINITE,
         "outline.frame_m" | "outline.frame_radiance" => FROM_0,
         "cards.distance_m" | "cards.width_m" => ABOVE_0,

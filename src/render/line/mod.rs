@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! scene_line -> side -> photograph, panorama -> image, highlights, depth_range   the line's types
-//! glass, outline   the pane, its layers, coatings and edges        card   flat pictures on a side
+//! glass, roughness, outline   the pane, its layers, faces and edges   card   flat pictures on a side
 //! layers       images to render               side_json, jsonl   sides and manifests as text
 //! roots        resolution of paths            validate, limits   checks of each field
 //! ```
@@ -37,6 +37,7 @@ mod photograph;
 #[cfg(test)]
 mod published;
 mod roots;
+mod roughness;
 mod scene_line;
 mod side;
 mod side_json;
@@ -54,6 +55,7 @@ pub use outline::Outline;
 pub use panorama::{DepthMap, PanoramaDepth, PanoramaFile};
 pub use photograph::Photograph;
 pub use roots::{RootError, Roots, is_root_name, is_url};
+pub use roughness::Roughness;
 pub use scene_line::*;
 pub(crate) use side::card_key;
 pub use side::{MeshFile, MeshPose, Side};

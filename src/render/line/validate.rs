@@ -58,6 +58,7 @@ impl SceneLine {
         )?;
         coatings(glass)?;
         bow(glass)?;
+        roughness(glass)?;
         outline(glass)?;
         side("front", &self.front)?;
         side("back", &self.back)?;
@@ -125,6 +126,18 @@ fn bow(glass: &Glass) -> Result<(), LineError> {
         }
         Some(_) if glass.layers.is_empty() && glass.coatings.is_empty() => Ok(()),
         Some(_) => Err(LineError::BowOfStack),
+    }
+}
+
+fn roughness(glass: &Glass) -> Result<(), LineError> {
+    let Some(roughness) = &glass.roughness else {
+        return Ok(());
+    };
+    let (faces, found) = (glass.layers.len().max(1) + 1, roughness.values().len());
+    all_within("glass", &[("roughness", roughness.values())])?;
+    match roughness.of_faces(faces) {
+        Some(_) => Ok(()),
+        None => Err(LineError::FacesOfRoughness { found, faces }),
     }
 }
 

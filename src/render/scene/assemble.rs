@@ -7,13 +7,14 @@ use super::error::AssembleError;
 use super::facts::{SceneFacts, Sides, SidesWith, order_facts};
 use super::far::far_median_m;
 use super::geometry::{
-    BackCamera, bow, cosines_between, film_directions, film_plane, film_reach, outline, slab, stack,
+    BackCamera, bow, cosines_between, film_directions, film_plane, film_reach, layers, outline,
+    roughness, slab, stack,
 };
 use super::near::Near;
 use super::place::{DecodedSide, Placed};
 use super::surface::{back_surface, front_surface};
 use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine};
-use crate::trace::{Cover, Lens, OrderPlan, Sampling, Scene, StackOptics};
+use crate::trace::{Cover, Lens, OrderPlan, RoughPane, Sampling, Scene, StackOptics};
 use glam::DVec3;
 
 /// Places the sides, focuses the lens, checks the geometry and selects the orders of the glass.
@@ -64,14 +65,21 @@ fn assemble_sides(
     let cosines: Vec<f64> = directions.iter().map(cosine).collect();
     let brightest = [max_radiance.front, max_radiance.back];
     let tolerance = line.film.order_tolerance;
-    let (stack, orders) = match stack(line) {
+    let between = cosines_between(&cosines, reach);
+    let (stack, mut orders) = match stack(line) {
         None => (None, OrderPlan::new(&slab, &cosines, brightest, tolerance)),
         Some(stack) => {
-            let between = cosines_between(&cosines, reach);
             let (stack, orders) = StackOptics::new(&stack, between, brightest, tolerance);
             (Some(stack), orders)
         }
     };
+    let rough = roughness(line).map(|alphas| {
+        let pose = (&slab, bow.as_ref(), line.glass.distance_m);
+        let (pane, of_paths) =
+            RoughPane::new(&layers(line), &alphas, pose, between, brightest, tolerance);
+        orders = of_paths;
+        pane
+    });
 
     let near = Near { slab: &slab, distance_m: line.glass.distance_m, reach };
     let too_near_share = Sides {
@@ -108,6 +116,7 @@ fn assemble_sides(
         slab,
         stack,
         bow,
+        rough,
         orders,
         cover,
         front,

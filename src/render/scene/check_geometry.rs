@@ -1,7 +1,7 @@
 //! Refuses panes at a grazing angle and panes that cut the lens.
 
-use super::geometry::{bow, filter_reach_px, slab, unfiltered_film};
-use crate::line::SceneLine;
+use super::geometry::{bow, filter_reach_px, roughness, slab, unfiltered_film};
+use crate::line::{Roughness, SceneLine};
 use crate::trace::Slab;
 use glam::DVec3;
 
@@ -23,6 +23,24 @@ pub enum GeometryError {
         v: f64,
         /// Angle between this ray and the pane's normal.
         angle_deg: f64,
+        pitch_deg: f64,
+        yaw_deg: f64,
+        focal_length_mm: f64,
+    },
+    /// A ray that meets rough faces so flat that their facets would hide each other.
+    #[error(
+        "a ray of film point ({u} px, {v} px) meets the rough pane at {angle_deg:.2} degrees, but at most {most_deg:.2} are \
+         allowed with a glass.roughness of {alpha}: reduce glass.roughness, glass.tilt_deg ({pitch_deg}, {yaw_deg}) or \
+         camera.aperture_radius_m, or increase camera.focal_length_mm ({focal_length_mm})"
+    )]
+    TooRough {
+        /// Film point of the refused ray, px.
+        u: f64,
+        v: f64,
+        /// Angle between this ray and the pane's normal.
+        angle_deg: f64,
+        most_deg: f64,
+        alpha: f64,
         pitch_deg: f64,
         yaw_deg: f64,
         focal_length_mm: f64,
@@ -54,6 +72,21 @@ pub enum GeometryError {
     },
 }
 
+/// Largest product of alpha and the tangent of the angle of incidence. Below, the facets do not hide each other (see
+/// [`crate::trace::RoughPane`]).
+const MOST_ALPHA_TANGENT: f64 = 0.625;
+
+/// Returns the largest angle between a camera ray and the normal of a line's pane.
+fn most_incidence_deg(line: &SceneLine) -> f64 {
+    match roughness(line) {
+        Some(alphas) => {
+            let alpha = alphas.into_iter().fold(0.0, f64::max);
+            MAX_INCIDENCE_DEG.min(libm::atan(MOST_ALPHA_TANGENT / alpha).to_degrees())
+        }
+        None => MAX_INCIDENCE_DEG,
+    }
+}
+
 /// Refuses a pane that cuts the lens, or that a camera ray meets at more than [`MAX_INCIDENCE_DEG`].
 ///
 /// `inverse_focus_distance_per_m` is 1 / focus distance, and 0 for a focus at infinity. The focus is a parameter
@@ -78,22 +111,40 @@ pub fn check_geometry(
     }
 
     let spread = aperture_radius_m * inverse_focus_distance_per_m;
-    check_bow(line, &slab, spread)?;
+    let most_deg = most_incidence_deg(line);
+    let least_cos = libm::cos(most_deg.to_radians());
+    check_bow(line, &slab, spread, least_cos)?;
     for corner in film_corners(line) {
-        let direction = worst_direction(corner.slope, spread, normal);
-        let is_steep_enough = excess(direction, normal) >= 0.0;
+        let direction = worst_direction(corner.slope, spread, normal, least_cos);
+        let is_steep_enough = excess(direction, normal, least_cos) >= 0.0;
         if !is_steep_enough {
             let length =
                 libm::sqrt(direction[0] * direction[0] + direction[1] * direction[1] + 1.0);
             let cos_i = (dot(direction, normal) + normal.z) / length;
-            return Err(GeometryError::Grazing {
-                // Adding 0 turns -0 into 0 for the message.
-                u: corner.u + 0.0,
-                v: corner.v + 0.0,
-                angle_deg: libm::acos(cos_i.clamp(-1.0, 1.0)).to_degrees(),
-                pitch_deg: line.glass.tilt_deg[0],
-                yaw_deg: line.glass.tilt_deg[1],
-                focal_length_mm: line.camera.focal_length_mm,
+            // Adding 0 turns -0 into 0 for the message.
+            let (u, v) = (corner.u + 0.0, corner.v + 0.0);
+            let angle_deg = libm::acos(cos_i.clamp(-1.0, 1.0)).to_degrees();
+            let [pitch_deg, yaw_deg] = line.glass.tilt_deg;
+            let focal_length_mm = line.camera.focal_length_mm;
+            if most_deg == MAX_INCIDENCE_DEG {
+                return Err(GeometryError::Grazing {
+                    u,
+                    v,
+                    angle_deg,
+                    pitch_deg,
+                    yaw_deg,
+                    focal_length_mm,
+                });
+            }
+            return Err(GeometryError::TooRough {
+                u,
+                v,
+                angle_deg,
+                most_deg,
+                alpha: line.glass.roughness.as_ref().map_or(0.0, Roughness::largest),
+                pitch_deg,
+                yaw_deg,
+                focal_length_mm,
             });
         }
     }
@@ -105,14 +156,18 @@ const LEAST_RATIO: f64 = 0.5;
 
 /// Refuses a bent pane that the rays of a grid over film and lens miss, meet at more than [`MAX_INCIDENCE_DEG`], or leave
 /// sideways.
-fn check_bow(line: &SceneLine, slab: &Slab, spread: f64) -> Result<(), GeometryError> {
+fn check_bow(
+    line: &SceneLine,
+    slab: &Slab,
+    spread: f64,
+    least_cos: f64,
+) -> Result<(), GeometryError> {
     const STEPS: u32 = 16;
     let (Some(bow), Some(radius_m)) = (bow(line), line.glass.bow_radius_m) else {
         return Ok(());
     };
     let film = unfiltered_film(line);
     let (beyond, a) = (filter_reach_px(line.film.filter), line.camera.aperture_radius_m);
-    let least_cos = libm::cos(MAX_INCIDENCE_DEG.to_radians());
     let ratio = bow.ratio(slab);
     let problem_of = |lens: DVec3, direction: DVec3| {
         if !(LEAST_RATIO..=1.0 / LEAST_RATIO).contains(&ratio) {
@@ -127,10 +182,12 @@ fn check_bow(line: &SceneLine, slab: &Slab, spread: f64) -> Result<(), GeometryE
         let mirrored = mirrored - 2.0 * mirrored.dot(slab.normal) * slab.normal;
         match () {
             // The sine must also be smaller than the ratio, or light does not leave the rear face.
-            () if cos < least_cos || 1.0 - cos * cos >= (ratio * ratio).min(1.0) => {
-                Some("meets it at more than 85 degrees")
+            () if cos < least_cos || 1.0 - cos * cos >= (ratio * ratio).min(1.0) => Some(
+                "meets it at too large an angle (more than 85 degrees, or fewer for rough faces)",
+            ),
+            () if mirrored.z < libm::cos(MAX_INCIDENCE_DEG.to_radians()) => {
+                Some("is reflected sideways")
             }
-            () if mirrored.z < least_cos => Some("is reflected sideways"),
             () => None,
         }
     };
@@ -170,13 +227,13 @@ fn film_corners(line: &SceneLine) -> [Corner; 4] {
     ]
 }
 
-/// Computes d.n - cos(85 degrees) |d| for d = (slope, 1), which is negative for refused rays.
+/// Computes d.n - `least_cos` |d| for d = (slope, 1), which is negative for refused rays.
 ///
 /// The value is concave in the slope. Its minimum over the film widened by the lens (the Minkowski sum of a rectangle
 /// and a disc) is therefore on the circle about one of the four corners.
-fn excess(slope: [f64; 2], normal: DVec3) -> f64 {
+fn excess(slope: [f64; 2], normal: DVec3, least_cos: f64) -> f64 {
     let length = libm::sqrt(slope[0] * slope[0] + slope[1] * slope[1] + 1.0);
-    dot(slope, normal) + normal.z - libm::cos(MAX_INCIDENCE_DEG.to_radians()) * length
+    dot(slope, normal) + normal.z - least_cos * length
 }
 
 fn dot(slope: [f64; 2], normal: DVec3) -> f64 {
@@ -187,26 +244,27 @@ fn dot(slope: [f64; 2], normal: DVec3) -> f64 {
 ///
 /// Each step moves to the point of the circle opposite to the gradient, which never raises a concave function. Eight
 /// starts avoid local minima.
-fn worst_direction(corner: [f64; 2], spread: f64, normal: DVec3) -> [f64; 2] {
+fn worst_direction(corner: [f64; 2], spread: f64, normal: DVec3, least_cos: f64) -> [f64; 2] {
     const STARTS: u32 = 8;
     const STEPS: u32 = 32;
     if spread == 0.0 {
         return corner;
     }
-    let cos_max = libm::cos(MAX_INCIDENCE_DEG.to_radians());
     let mut worst = (f64::INFINITY, corner);
     for start in 0..STARTS {
         let (sin, cos) = libm::sincos(f64::from(start) * std::f64::consts::TAU / f64::from(STARTS));
         let mut toward = [cos, sin];
         for _ in 0..STEPS {
             let slope = [corner[0] + spread * toward[0], corner[1] + spread * toward[1]];
-            let value = excess(slope, normal);
+            let value = excess(slope, normal, least_cos);
             if value < worst.0 || value.is_nan() {
                 worst = (value, slope);
             }
             let length = libm::sqrt(slope[0] * slope[0] + slope[1] * slope[1] + 1.0);
-            let gradient =
-                [normal.x - cos_max * slope[0] / length, normal.y - cos_max * slope[1] / length];
+            let gradient = [
+                normal.x - least_cos * slope[0] / length,
+                normal.y - least_cos * slope[1] / length,
+            ];
             let steepness = libm::hypot(gradient[0], gradient[1]);
             if steepness == 0.0 {
                 break;
@@ -298,6 +356,24 @@ mod tests {
         }
     }
 
+    #[test]
+    fn rough_panes_at_a_grazing_angle_are_refused() {
+        let rough = |alpha: f64, yaw_deg: f64| {
+            let mut line = tilted(0.0, yaw_deg);
+            line.glass.roughness = Some(Roughness::All(alpha));
+            check_geometry(&line, 0.0).map_err(|error| error.to_string())
+        };
+        // A corner ray meets the pane at about 15.7 degrees more than the tilt.
+        rough(0.1, 60.0).unwrap();
+        let error = rough(0.1, 66.0).unwrap_err();
+        assert!(
+            error.contains("at most 80.91 are allowed with a glass.roughness of 0.1"),
+            "{error}"
+        );
+        rough(0.02, 66.0).unwrap();
+        rough(0.0, 66.0).unwrap();
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(256))]
         /// The check agrees with the largest angle over a fine grid of film and lens points.
@@ -348,7 +424,9 @@ mod tests {
                 Err(GeometryError::PaneCutsLens { plane_distance_m, reach_m, .. }) => {
                     prop_assert!(plane_distance_m <= reach_m);
                 }
-                Err(GeometryError::Folded { .. }) => prop_assert!(false, "the pane is flat"),
+                Err(GeometryError::Folded { .. } | GeometryError::TooRough { .. }) => {
+                    prop_assert!(false, "the pane is flat and smooth");
+                }
             }
         }
     }

@@ -22,10 +22,13 @@ pub(super) fn slab(line: &SceneLine) -> Slab {
 
 /// Returns the layers of a line's pane, if it is no plain one: if it has several, or coatings.
 pub(super) fn stack(line: &SceneLine) -> Option<Stack> {
+    let is_plain = line.glass.layers.is_empty() && line.glass.coatings.is_empty();
+    (!is_plain).then(|| layers(line))
+}
+
+/// Returns the layers of a line's pane; a plain one has one.
+pub(super) fn layers(line: &SceneLine) -> Stack {
     let glass = &line.glass;
-    if glass.layers.is_empty() && glass.coatings.is_empty() {
-        return None;
-    }
     let one = [GlassLayer::Glass {
         glass_m: glass.thickness_m,
         ior: glass.ior,
@@ -46,13 +49,20 @@ pub(super) fn stack(line: &SceneLine) -> Option<Stack> {
             Coating { reflectance: coating.reflectance, transmittance: coating.transmittance };
         coatings[coating.face as usize] = Some(shares);
     }
-    Some(Stack::new(of.iter().map(layer).collect(), coatings))
+    Stack::new(of.iter().map(layer).collect(), coatings)
 }
 
 /// Returns the curvature of a line's pane, if it is bent.
 pub(super) fn bow(line: &SceneLine) -> Option<Bow> {
     let curvature_per_m = 1.0 / line.glass.bow_radius_m?;
     Some(Bow { curvature_per_m, distance_m: line.glass.distance_m })
+}
+
+/// Returns the roughness of each face of a line's pane, if one of them is rough.
+pub(super) fn roughness(line: &SceneLine) -> Option<Vec<f64>> {
+    let glass = &line.glass;
+    let roughness = glass.roughness.as_ref().filter(|roughness| roughness.largest() > 0.0)?;
+    roughness.of_faces(glass.layers.len().max(1) + 1)
 }
 
 /// Returns the edges of a line's pane. The camera's exposure and white balance apply to the frame.

@@ -5,7 +5,9 @@
 //! the nearest surface to infinity, and its image is monotone in between. The two ends of the outermost lines therefore
 //! bound all points that a ray can hit.
 
-use super::geometry::{BackCamera, bow, film_directions, film_plane, film_reach, slab, stack};
+use super::geometry::{
+    BackCamera, bow, film_directions, film_plane, film_reach, layers, roughness, slab, stack,
+};
 use crate::line::{Focus, FocusAt, SceneLine};
 use crate::trace::{Bow, Lens, Order, Slab, Stack};
 use glam::{DMat3, DVec3};
@@ -28,6 +30,8 @@ pub(super) struct Sight {
     stack: Option<Stack>,
     bow: Option<Bow>,
     aperture_radius_m: f64,
+    /// Tangent by which rough faces scatter 99.99 % of the light at normal incidence; 0 for smooth ones.
+    scatter: f64,
     /// Orthogonal matrix from the lens's coordinates (for the back, of the mirrored world) to the capture camera's.
     rotation: DMat3,
     translation_m: DVec3,
@@ -75,6 +79,8 @@ impl Sight {
             stack: stack(line),
             bow: bow(line),
             aperture_radius_m,
+            scatter: roughness(line)
+                .map_or(0.0, |alphas| scatter(&layers(line), &alphas, order(0))),
             rotation,
             order,
             passes_beside: line.glass.outline.is_some(),
@@ -136,11 +142,34 @@ impl Sight {
                     let bent = self.bow.and_then(|bow| bow.exit(&self.slab, order, lens, d));
                     let (start, d) = bent.unwrap_or((lens + shift, d));
                     include_line(start, d);
+                    let aside = self.scatter / cos_i;
+                    for [x, y] in if aside > 0.0 { lens_points.as_slice() } else { &[] } {
+                        let [x, y] = [x, y].map(|v| aside.copysign(*v));
+                        include_line(start, d + DVec3::new(x, y, 0.0));
+                    }
                 }
             }
         }
         Window(window)
     }
+}
+
+/// Returns the tangent within which rough faces scatter all but 1e-4 of the light of `order` at normal incidence: three
+/// times the root of the sum of squares over the faces. A facet turns refracted light by its slope times the step of the index, and
+/// reflected light by twice the slope, which the way out of the glass multiplies by the index.
+fn scatter(pane: &Stack, alphas: &[f64], order: Order) -> f64 {
+    let alpha = alphas.iter().copied().fold(0.0, f64::max);
+    let step = |face| {
+        let [near, far] = pane.iors(face);
+        (far - near) * (far - near)
+    };
+    let refracted: f64 = (0..pane.faces_count()).map(step).sum();
+    let reflected = 2.0 * pane.largest_ior();
+    3.0 * alpha
+        * match order {
+            Order::Transmitted(_) => refracted.sqrt(),
+            Order::Reflected(_) => (reflected * reflected + 2.0 * refracted).sqrt(),
+        }
 }
 
 #[cfg(test)]

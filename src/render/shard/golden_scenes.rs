@@ -130,6 +130,7 @@ impl Parameters {
             slab,
             stack: None,
             bow: None,
+            rough: None,
             cover: Cover::default(),
             front: front.into(),
             back: back.into(),

@@ -59,8 +59,8 @@ impl Bundle<'_> {
     #[inline(always)]
     pub(super) fn rays(&self, scene: &Scene, normal: [f32; 3], s: usize) -> [[Lane; 2]; 2] {
         let (path, patch, camera) = (self.path, self.patch, self.camera);
-        let bent = path.bent_rays(&scene.slab, patch, camera, s);
-        let (point, relative) = if let Some(rays) = bent {
+        let free = path.free_rays(&scene.slab, patch, camera, s);
+        let (point, relative) = if let Some(rays) = free {
             (rays.point, rays.relative)
         } else {
             let relative =
@@ -156,7 +156,7 @@ impl BundleRays {
             *lines = maker.lines(bundle.camera, s);
         }
         let found = match view.pose {
-            Pose::Aligned { extra_m } if !bundle.path.is_bent() => {
+            Pose::Aligned { extra_m } if !bundle.path.is_free() => {
                 spans.of(scene, view, lanes, bundle, extra_m)
             }
             _ => Found::Shared(span_of_lines(view, &lanes.grid, lines).into()),
@@ -269,6 +269,9 @@ impl BundleRays {
     #[inline(always)]
     fn weigh_in_glass(&mut self, scene: &Scene, bundle: &Bundle, order: Order) -> Factors {
         let (slab, camera, hits) = (&scene.slab, bundle.camera, &mut *self.hits);
+        if let Path::Rough(_) = bundle.path {
+            return hits.take_weights(&camera.rough, bundle.ends[2]);
+        }
         if let (Path::Stack(table), Some(stack)) = (bundle.path, &scene.stack) {
             return hits.weigh(table, camera, bundle.ends[2], stack.is_coloured());
         }

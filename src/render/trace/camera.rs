@@ -4,6 +4,7 @@ use super::bent::BentRays;
 use super::cover::Entries;
 use super::lanes::{CHUNK, LANES, Lane, sin_cos_octant};
 use super::patch::Patch;
+use super::rough::{RoughPane, RoughPath, RoughRays};
 use super::sampler::points;
 use super::scene::Scene;
 use super::stack::StackOptics;
@@ -29,6 +30,8 @@ pub(super) struct CameraChunk {
     pub(super) within: [Lane; CHUNK],
     /// The rays at a bent pane; filled in place of gamma, reflectance and transmittance.
     pub(super) bent: Box<BentRays>,
+    /// Rays behind rough faces, along the path of the current bundle.
+    pub(super) rough: Box<RoughRays>,
     /// Places at which the rays meet the pane's plane.
     pub(super) entries: Entries,
     /// The same of R's rays, which pass no lens.
@@ -50,6 +53,7 @@ impl CameraChunk {
             cell: [[0; LANES]; CHUNK],
             within: lanes,
             bent: BentRays::new(),
+            rough: RoughRays::new(),
             entries: Entries::new(),
             pinhole_entries: Entries::new(),
         })
@@ -103,12 +107,27 @@ impl CameraChunk {
             (None, None) => self.fill_glass(scene, patch, count),
             (None, Some(stack)) => self.fill_stack(scene, stack, patch, count),
         }
+        self.rough.begin(first, count);
         if let Some(outline) = &scene.cover.outline {
             let (slab, center) = (&scene.slab, &patch.center);
             let lens = Some(&self.lens);
             self.entries.find(outline, slab, center, &self.direction, lens, count);
             self.pinhole_entries.find(outline, slab, center, &self.film, None, count);
         }
+    }
+
+    /// Traces the first `count` rays of the chunk along a path through rough faces.
+    #[inline(always)]
+    pub(super) fn scatter(
+        &mut self,
+        scene: &Scene,
+        pane: &RoughPane,
+        path: &RoughPath,
+        patch: &Patch,
+        count: usize,
+    ) {
+        let (direction, lens) = (&self.direction, &self.lens);
+        self.rough.follow((pane, path), scene.sampling, patch, direction, lens, count);
     }
 
     /// Locates the rays' cosines of incidence in the tables of a stack.
@@ -163,7 +182,7 @@ impl CameraChunk {
 
 /// Applies Shirley and Chiu's concentric map from the unit square to the unit disc.
 #[inline(always)]
-fn concentric_disc(u: f32, v: f32) -> (f32, f32) {
+pub(super) fn concentric_disc(u: f32, v: f32) -> (f32, f32) {
     let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
     let wide = a.abs() > b.abs();
     let (radius, other) = if wide { (a, b) } else { (b, a) };

@@ -145,7 +145,7 @@ impl<'a> BundleProbe<'a> {
     #[inline(always)]
     fn span(&self, bundle: &Bundle) -> Span {
         match self.view.pose {
-            Pose::Aligned { extra_m } if !self.path.is_bent() => {
+            Pose::Aligned { extra_m } if !self.path.is_free() => {
                 let [x, y] = bundle.corner;
                 let area = Area::new(self.scene, x, y, PATCH_PX);
                 span_of_area(self.scene, self.view, self.path, &area, extra_m, true).0

@@ -1,7 +1,7 @@
 //! Owen-scrambled Sobol points as a pure function of (scene seed, pixel, sample index).
 //!
-//! A sample has four coordinates: a pair for the pixel and a pair for the lens. Both pairs use the first two Sobol
-//! dimensions, which form a (0,2)-sequence: each aligned power-of-two block of indices puts exactly one point into
+//! A sample has four coordinates: a pair for the pixel and a pair for the lens; behind rough glass, it has another pair for each face that
+//! its path meets. All pairs use the first two Sobol dimensions, which form a (0,2)-sequence: each aligned power-of-two block of indices puts exactly one point into
 //! every elementary interval of its size. *Padding* decorrelates the pairs: each pair has its own Owen shuffle of the
 //! index and its own Owen scramble of the values. (A plain xor of the index is not enough: it makes the lens point a
 //! function of the pixel point, and the error stops decreasing at 16 samples.)
@@ -89,6 +89,28 @@ impl SeedLanes {
             let seed = of(l);
             (0..2).for_each(|k| index[k][l] = seed.index[k]);
             (0..4).for_each(|k| value[k][l] = seed.value[k]);
+        }
+        Self { index, value }
+    }
+}
+
+impl PixelSeed {
+    /// Derives the seeds whose first pair is that of the facet at meeting `k` of a path with rough faces.
+    pub fn of_meeting(&self, k: u32) -> Self {
+        let salt = mix32(k.wrapping_add(1));
+        let derive = |seed: u32| mix32(seed ^ salt);
+        Self { index: self.index.map(derive), value: self.value.map(derive) }
+    }
+}
+
+impl SeedLanes {
+    /// Computes [`PixelSeed::of_meeting`] of each lane.
+    #[inline(always)]
+    pub(crate) fn of_meeting(&self, k: u32) -> Self {
+        let salt = mix32(k.wrapping_add(1));
+        let (mut index, mut value) = (self.index, self.value);
+        for seed in index.as_flattened_mut().iter_mut().chain(value.as_flattened_mut()) {
+            *seed = mix32(*seed ^ salt);
         }
         Self { index, value }
     }
@@ -212,6 +234,37 @@ mod tests {
                     assert_eq!([u[s][l], v[s][l]], [expected[2 * pair], expected[2 * pair + 1]]);
                 }
             }
+        }
+    }
+
+    /// The pair of a facet is a (0,2)-sequence of its own: independent of the pairs of pixel, lens and other facets.
+    #[test]
+    fn facets_have_points_of_their_own() {
+        const N: usize = 256;
+        let mut sums = [[0.0; 6]; 6];
+        for x in 0..64 {
+            let seed = PixelSeed::new(7, x, 3);
+            let lanes = SeedLanes::new(|_| seed).of_meeting(2);
+            let (mut u, mut v) = (vec![[0.0; LANES]; N], vec![[0.0; LANES]; N]);
+            sobol(&lanes, 0, 0, &mut u, &mut v);
+            let mut cells = [0; N];
+            for (i, (u, v)) in (0..).zip(u.iter().zip(&v)) {
+                let [fx, fy, lx, ly] = sample(&seed, i);
+                let facets = [2, 5].map(|k| sample(&seed.of_meeting(k), i));
+                assert_eq!([u[0], v[0]], [facets[0][0], facets[0][1]]);
+                cells[(u[0] * 16.0) as usize * 16 + (v[0] * 16.0) as usize] += 1;
+                let all = [fx, fy, lx + ly, facets[0][0], facets[0][1], facets[1][0]];
+                for (j, k) in (0..6).flat_map(|j| (0..j).map(move |k| (j, k))) {
+                    let centre = |a: usize| f64::from(all[a]) - if a == 2 { 1.0 } else { 0.5 };
+                    sums[j][k] += centre(j) * centre(k);
+                }
+            }
+            assert_eq!(cells, [1; N]);
+        }
+        // Independent pairs of N points correlate by 1 / (12 sqrt N) at most, as random points do.
+        let bound = 5.0 * 2f64.sqrt() / 12.0 / ((64 * N) as f64).sqrt();
+        for sum in sums.as_flattened() {
+            assert!((sum / (64 * N) as f64).abs() < bound, "{sums:?}");
         }
     }
 

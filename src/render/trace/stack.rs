@@ -43,8 +43,8 @@ pub struct Coating {
 /// Parallel layers of glass and gaps, from the camera outwards. Face i lies before layer i, and the last face behind all.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stack {
-    layers: Vec<StackLayer>,
-    coatings: Vec<Option<Coating>>,
+    pub(super) layers: Vec<StackLayer>,
+    pub(super) coatings: Vec<Option<Coating>>,
     /// Indices of the media, each once.
     media: Vec<f64>,
 }
@@ -105,6 +105,27 @@ impl Stack {
     pub fn crossed(&self, order: &StackOrder) -> Vec<(f64, f64)> {
         let lengths = self.media.iter().zip(&order.lengths_fm);
         lengths.map(|(&ior, &fm)| (ior, fm as f64 / FM_PER_M)).collect()
+    }
+
+    /// Returns the indices of refraction before and behind a face, from the camera outwards.
+    pub fn iors(&self, face: usize) -> [f64; 2] {
+        [face.checked_sub(1), Some(face)]
+            .map(|layer| layer.and_then(|l| self.layers.get(l)).map_or(1.0, |layer| layer.ior))
+    }
+
+    /// Returns the distance of a face from face 0, m.
+    pub(super) fn depth_m(&self, face: usize) -> f64 {
+        self.layers[..face].iter().map(|layer| layer.thickness_m).sum()
+    }
+
+    /// Returns the number of faces.
+    pub fn faces_count(&self) -> usize {
+        self.coatings.len()
+    }
+
+    /// Returns the largest index of refraction.
+    pub fn largest_ior(&self) -> f64 {
+        self.media.iter().copied().fold(1.0, f64::max)
     }
 
     /// True if colours differ: glass that absorbs, or a coating with different shares.
@@ -219,11 +240,9 @@ impl Stack {
 
     /// Computes reflectance and transmittance of each face.
     fn faces(&self, cos_i: f64) -> Vec<(Power, Power)> {
-        let ior =
-            |layer: Option<usize>| layer.and_then(|l| self.layers.get(l)).map_or(1.0, |l| l.ior);
         let of = |(face, coating): (usize, &Option<Coating>)| match coating {
             Some(coating) => ([coating.reflectance; 2], [coating.transmittance; 2]),
-            None => fresnel([ior(face.checked_sub(1)), ior(Some(face))], cos_i),
+            None => fresnel(self.iors(face), cos_i),
         };
         self.coatings.iter().enumerate().map(of).collect()
     }
@@ -277,8 +296,10 @@ fn product(a: &Power, b: &Power) -> Power {
     [0, 1].map(|q| [0, 1, 2].map(|c| a[q][c] * b[q][c]))
 }
 
+mod paths;
 mod table;
 
+pub(super) use paths::{Meeting, StackPath};
 pub use table::{StackOptics, StackTable};
 
 #[cfg(test)]

@@ -328,6 +328,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
         slab,
         stack: None,
         bow: None,
+        rough: None,
         cover: Cover::default(),
         front: view(1, Pose::Aligned { extra_m: 0.0 }, 1.0).into(),
         back: view(2, pose, -1.0).into(),

@@ -19,7 +19,7 @@ use super::bundle::{Bundle, BundleRays, Feeds};
 use super::camera::CameraChunk;
 use super::isa::{BASELINE, Isa};
 use super::lanes::{CHUNK, LANES};
-use super::lines::{Path, ViewLanes, path_of};
+use super::lines::{Path, ViewLanes, path_of, smooth_path_of};
 use super::means::{
     Components, LaneSums, Means, NO_SUMS, NOTHING, Wanted, add_means_of, ends_in_block,
 };
@@ -157,7 +157,8 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         counts: Counts,
         [before, first]: [u32; 2],
     ) {
-        let orders = &self.scene.orders;
+        let scene = self.scene;
+        let orders = &scene.orders;
         let (block, blocks) = (counts.block, counts.all / counts.block);
         // T needs only the first order of the front, t_0.
         let of_front = match (wanted.front, wanted.bare) {
@@ -174,13 +175,25 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
             let within = |end: u32| end.saturating_sub(first - before).min(CHUNK as u32) as usize;
             let ends = ends_in_block(of_block, before / block, blocks).map(within);
             let feeds = match followed.order {
+                // T sees through the smooth pane.
+                Order::Transmitted(0) if scene.rough.is_some() => {
+                    if wanted.bare {
+                        let path = smooth_path_of(scene, followed.order, 0);
+                        let path = (path, Some(followed.order), Feeds::Bare);
+                        self.follow(place, path, sums, of_block * blocks, ends);
+                    }
+                    if !wanted.front {
+                        continue;
+                    }
+                    Feeds::Order
+                }
                 // T receives t_0 even if the scene does not request T: the request must not affect I's bits.
                 Order::Transmitted(0) if wanted.front => Feeds::Both,
                 Order::Transmitted(0) if wanted.bare => Feeds::Bare,
                 _ => Feeds::Order,
             };
             let index = k.checked_sub(of_front).unwrap_or(k);
-            let path = (path_of(self.scene, followed.order, index), Some(followed.order), feeds);
+            let path = (path_of(scene, followed.order, index), Some(followed.order), feeds);
             self.follow(place, path, sums, of_block * blocks, ends);
         }
     }
@@ -208,6 +221,9 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         if is_hidden {
             self.count_paths(place, order, feeds, ends[2], &[0; LANES]);
             return;
+        }
+        if let (Path::Rough(path), Some(pane)) = (path, &scene.rough) {
+            self.camera.scatter(scene, pane, path, &place.patch, ends[2]);
         }
         let side = usize::from(!matches!(order, Some(Order::Transmitted(_))));
         let bundle = Bundle {

@@ -132,6 +132,14 @@ fn colour_weights(
         let colours: [[f32; 4]; LANES] = std::array::from_fn(|l| table.colours(camera, s, l));
         return [0, 1, 2].map(|c| colours.map(|colour| colour[c]));
     }
+    if let Path::Rough(_) = path {
+        let weight = &camera.rough.weight;
+        return if camera.rough.is_coloured {
+            [weight[0][s], weight[1][s], weight[2][s]]
+        } else {
+            [weight[0][s]; 3]
+        };
+    }
     let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
     let (weight, inverse_cos_t) = if scene.bow.is_some() {
         (camera.bent.weights(order, s), camera.bent.inverse_cos_t(s))

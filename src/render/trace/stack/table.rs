@@ -7,7 +7,7 @@
 
 use super::super::camera::CameraChunk;
 use super::super::lanes::{LANES, Lane, floor, max, min};
-use super::super::orders::{FollowedOrder, MAX_ORDERS, OrderPlan, thinning};
+use super::super::orders::{MAX_ORDERS, OrderPlan};
 use super::super::slab::Order;
 use super::{Exit, Stack, StackOrder, shift_m};
 
@@ -271,27 +271,17 @@ fn keep(
     (kept, dropped)
 }
 
-fn largest(weights: &[[f64; 3]]) -> f64 {
+/// Returns the largest of the weights.
+pub(super) fn largest(weights: &[[f64; 3]]) -> f64 {
     weights.as_flattened().iter().copied().fold(f64::NEG_INFINITY, f64::max)
 }
 
 /// Lists the selected orders. The orders of a side are counted from the shortest.
 fn plan(sides: &[(Vec<Candidate>, f64); 2], max_radiance: [f64; 2], tolerance: f64) -> OrderPlan {
-    let list = |side: usize, make: fn(u32) -> Order| -> Vec<FollowedOrder> {
-        let follow = |(k, candidate): (u32, &Candidate)| {
-            let (order, max_weight) = (make(k), largest(&candidate.weights));
-            let thinning = thinning(order, max_weight * max_radiance[side], tolerance);
-            FollowedOrder { order, max_weight, thinning }
-        };
-        (0..).zip(&sides[side].0).map(follow).collect()
-    };
-    OrderPlan {
-        front: list(0, Order::Transmitted),
-        back: list(1, Order::Reflected),
-        front_tail: sides[0].1 * max_radiance[0],
-        back_tail: sides[1].1 * max_radiance[1],
-        thin_clean_reflection: OrderPlan::thins_clean_reflection(max_radiance[1], tolerance),
-    }
+    let weights = [0, 1].map(|side: usize| {
+        sides[side].0.iter().map(|candidate| largest(&candidate.weights)).collect::<Vec<f64>>()
+    });
+    OrderPlan::of_weights(weights, sides.each_ref().map(|side| side.1), max_radiance, tolerance)
 }
 
 #[cfg(test)]

@@ -1,0 +1,152 @@
+//! Rough faces: light that meets one leaves in a lobe of directions.
+//!
+//! A face with roughness alpha consists of facets, tiny mirrors and prisms, whose normals m have Beckmann's distribution
+//!
+//! ```text
+//! D(m) = exp(-tan^2 / alpha^2) / (pi alpha^2 cos^4)      tan, cos of the angle between m and the face's normal n
+//! ```
+//!
+//! so that each of the two slopes of a facet is normal with standard deviation alpha / sqrt 2. At each face that it meets, a path draws
+//! a facet with density D cos, and is reflected or refracted there; its weight is the product over the faces of
+//!
+//! ```text
+//! F |i.m| / (|i.n| |m.n|)      F: Fresnel's reflectance or transmittance at the facet, i: direction of the incident light
+//! ```
+//!
+//! (Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007, eq. 41, without shadowing, which is
+//! absent where 1.6 alpha tan < 1; `scene::check_geometry` refuses other panes.) s and p are kept apart to the end, in the plane of incidence of
+//! the smooth face: facets turn it, which changes means over 16 x 16 px by less than 1e-5. A facet that light meets from behind, and light
+//! that leaves on the wrong side of the face, have weight 0.
+//!
+//! T and R are those of the smooth pane, so only I and R~ are blurred. Every path is an order of its own: paths that
+//! cross equal lengths leave a smooth stack on one line, but rough faces in different lobes.
+
+mod rays;
+
+pub(super) use rays::RoughRays;
+
+use super::bow::Bow;
+use super::orders::OrderPlan;
+use super::slab::{Order, Slab};
+use super::stack::{Exit, Meeting, Stack, StackPath};
+use glam::{DVec3, Vec3};
+
+/// Number of intervals of the cosines at which paths are compared.
+const INTERVALS: u32 = 16;
+
+/// A pane with rough faces, and the paths that the tracer follows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RoughPane {
+    paths: [Vec<RoughPath>; 2],
+    /// Normal of the pane at the pivot, which points away from the lens, and two directions that span its plane.
+    axes: [Vec3; 3],
+    /// Distance of the pivot from the lens along the optical axis, m.
+    distance_m: f32,
+    curvature_per_m: f32,
+    /// True if the weights of the three colours differ.
+    is_coloured: bool,
+}
+
+/// A path, ready for tracing.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct RoughPath {
+    steps: Vec<Step>,
+    is_front: bool,
+    /// Product of the shares of coated faces, for each colour.
+    coated: [f32; 3],
+    absorbs: bool,
+}
+
+/// The way to a face, and the meeting with it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Step {
+    alpha: f32,
+    /// Indices of refraction before and behind the face, as the light travels.
+    ior: [f32; 2],
+    reflects: bool,
+    is_coated: bool,
+    /// Distance along the normal from the face before it, m; positive away from the lens. Unused at the first step.
+    travel_m: f32,
+    /// Constant of the quadratic equation of the way between two spheres, m: half of it is -`travel_m` without curvature.
+    constant_m: f32,
+    /// Radius of the first face over that of this one.
+    inverse_ratio: f32,
+    /// Absorption coefficients of the layer crossed on the way, per metre.
+    absorption_per_m: [f32; 3],
+}
+
+impl RoughPane {
+    /// Selects the paths of a pane whose faces have the roughness `alphas`, for cosines of incidence between
+    /// `least_cos` and `most_cos`, the largest radiances of the front and the back scene, and the film's tolerance.
+    ///
+    /// Panics if the numbers of faces and alphas differ.
+    pub fn new(
+        stack: &Stack,
+        alphas: &[f64],
+        (slab, bow, distance_m): (&Slab, Option<&Bow>, f64),
+        [least_cos, most_cos]: [f64; 2],
+        max_radiance: [f64; 2],
+        tolerance: f64,
+    ) -> (Self, OrderPlan) {
+        assert!(alphas.len() == stack.faces_count(), "every face has a roughness");
+        let at = |i| least_cos + (most_cos - least_cos) * f64::from(i) / f64::from(INTERVALS);
+        let cosines: Vec<f64> = (0..=INTERVALS).map(at).collect();
+        let sides = stack.paths(&cosines, max_radiance, tolerance);
+        let weights = [0, 1].map(|side: usize| {
+            sides[side].paths.iter().map(|path| path.max_weight()).collect::<Vec<f64>>()
+        });
+        let tails = sides.each_ref().map(|side| side.tail);
+        let plan = OrderPlan::of_weights(weights, tails, max_radiance, tolerance);
+        let curvature_per_m = bow.map_or(0.0, |bow| bow.curvature_per_m);
+        let prepare = |path: &StackPath| RoughPath::new(stack, alphas, curvature_per_m, path);
+        let normal = slab.normal;
+        let across = (DVec3::X - normal * normal.x).normalize();
+        let pane = Self {
+            paths: [0, 1].map(|side: usize| sides[side].paths.iter().map(prepare).collect()),
+            axes: [normal, across, normal.cross(across)].map(|axis| axis.as_vec3()),
+            distance_m: distance_m as f32,
+            curvature_per_m: curvature_per_m as f32,
+            is_coloured: stack.is_coloured(),
+        };
+        (pane, plan)
+    }
+
+    /// Returns the path of an order that the tracer follows.
+    pub(super) fn path(&self, order: Order, index: usize) -> &RoughPath {
+        &self.paths[usize::from(matches!(order, Order::Reflected(_)))][index]
+    }
+}
+
+impl RoughPath {
+    fn new(stack: &Stack, alphas: &[f64], curvature_per_m: f64, path: &StackPath) -> Self {
+        let (mut coated, mut before) = ([1.0; 3], 0);
+        let mut steps = vec![];
+        for (number, &Meeting { face, inward, reflects }) in path.meetings.iter().enumerate() {
+            let [near, far] = stack.iors(face);
+            let ior = if inward { [near, far] } else { [far, near] };
+            if let Some(coating) = &stack.coatings[face] {
+                let share = if reflects { coating.reflectance } else { coating.transmittance };
+                (0..3).for_each(|c| coated[c] *= share[c]);
+            }
+            let [from_m, to_m] = [stack.depth_m(before), stack.depth_m(face)];
+            let crossed = (number > 0).then(|| &stack.layers[before.min(face)]);
+            let of_sphere = |m: f64| 2.0 * m + curvature_per_m * m * m;
+            steps.push(Step {
+                alpha: alphas[face] as f32,
+                ior: ior.map(|ior| ior as f32),
+                reflects,
+                is_coated: stack.coatings[face].is_some(),
+                travel_m: (to_m - from_m) as f32,
+                constant_m: (of_sphere(from_m) - of_sphere(to_m)) as f32,
+                inverse_ratio: (1.0 / (1.0 + curvature_per_m * to_m)) as f32,
+                absorption_per_m: crossed
+                    .map_or([0.0; 3], |layer| layer.absorption_per_m)
+                    .map(|a| a as f32),
+            });
+            before = face;
+        }
+        let absorbs = steps.iter().any(|step| step.absorption_per_m != [0.0; 3]);
+        let is_front = path.exit == Exit::Transmitted;
+        Self { steps, is_front, coated: coated.map(|share: f64| share as f32), absorbs }
+    }
+}
