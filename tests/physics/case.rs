@@ -4,8 +4,8 @@ use crate::cover::Covered;
 use glam::{DMat3, DVec3};
 use render::layer::PerLayer;
 use render::trace::{
-    Bow, FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, Sampling, Scene,
-    Slab, Stack, StackOptics, Texture, Tile, TileResult, View, trace_tile,
+    Bow, FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, RoughPane, Sampling,
+    Scene, Slab, Stack, StackLayer, StackOptics, Texture, Tile, TileResult, View, trace_tile,
 };
 
 /// Indices of the layers.
@@ -96,6 +96,8 @@ pub(crate) struct Case {
     pub(crate) stack: Option<Stack>,
     /// Radius of a bent pane.
     pub(crate) bow_radius_m: Option<f64>,
+    /// Roughness of each face.
+    pub(crate) roughness: Option<Vec<f64>>,
     /// Objects that cover a part of the picture.
     pub(crate) covered: Covered,
     pub(crate) tilt_deg: [f64; 2],
@@ -121,6 +123,7 @@ impl Case {
             absorption_per_m: [0.0; 3],
             stack: None,
             bow_radius_m: None,
+            roughness: None,
             covered: Covered::default(),
             tilt_deg: [0.0; 2],
             apex: Apex::Mirror,
@@ -173,6 +176,18 @@ impl Case {
         cosines
     }
 
+    /// Returns the layers of the pane; a plain one has one.
+    pub(crate) fn layers(&self) -> Stack {
+        self.stack.clone().unwrap_or_else(|| {
+            let layer = StackLayer {
+                thickness_m: self.thickness_m,
+                ior: self.ior,
+                absorption_per_m: self.absorption_per_m,
+            };
+            Stack::new(vec![layer], vec![None; 2])
+        })
+    }
+
     /// Makes the tracer's scene.
     pub(crate) fn scene(&self) -> Scene {
         let (normal, distance_m) = self.pane();
@@ -206,16 +221,27 @@ impl Case {
         let back = self.back.view(pose, true);
         let radiance = [&front, &back].map(|view: &View| f64::from(view.texture.max_radiance()));
         let cosines = self.cosines();
-        let (stack, orders) = match &self.stack {
+        let between = [self.steepest_cos(), cosines.iter().copied().fold(0.0, f64::max)];
+        // Between two directions of the grid, the cosine may be larger.
+        let between = [between[0], (between[1] + 1e-3).min(1.0)];
+        let (stack, mut orders) = match &self.stack {
             None => (None, OrderPlan::new(&slab, &cosines, radiance, self.tolerance)),
             Some(stack) => {
-                let between = [self.steepest_cos(), cosines.into_iter().fold(0.0, f64::max)];
-                // Between two directions of the grid, the cosine may be larger.
-                let between = [between[0], (between[1] + 1e-3).min(1.0)];
                 let (stack, orders) = StackOptics::new(stack, between, radiance, self.tolerance);
                 (Some(stack), orders)
             }
         };
+        let bow = self
+            .bow_radius_m
+            .map(|radius_m| Bow { curvature_per_m: 1.0 / radius_m, distance_m: self.distance_m });
+        let rough = self.roughness.as_ref().map(|alphas| {
+            let pose = (&slab, bow.as_ref(), self.distance_m);
+            let layers = self.layers();
+            let (pane, of_paths) =
+                RoughPane::new(&layers, alphas, pose, between, radiance, self.tolerance);
+            orders = of_paths;
+            pane
+        });
         Scene {
             first_reflection_alone: false,
             target_error: None,
@@ -236,10 +262,8 @@ impl Case {
             orders,
             slab,
             stack,
-            bow: self.bow_radius_m.map(|radius_m| Bow {
-                curvature_per_m: 1.0 / radius_m,
-                distance_m: self.distance_m,
-            }),
+            bow,
+            rough,
             cover: self.covered.cover(self),
             front: front.into(),
             back: back.into(),

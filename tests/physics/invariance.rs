@@ -35,7 +35,13 @@ fn cases() -> Vec<Case> {
     covered.covered.cards = [0.8, 0.3].map(|z_m| vec![noisy_card(z_m, [0.02, 0.0], 0.2, 4)]);
     let mut bent = absorbing.clone();
     (bent.bow_radius_m, bent.covered) = (Some(-6.0), covered.covered.clone());
-    vec![case, tilted, absorbing, stacked, clear, covered, bent]
+    let mut scattering = tilted.clone();
+    scattering.roughness = Some(vec![0.03, 0.1]);
+    let mut frosted = stacked.clone();
+    (frosted.roughness, frosted.covered) = (Some(vec![0.02; 4]), covered.covered.clone());
+    let mut rough_bent = bent.clone();
+    rough_bent.roughness = Some(vec![0.01; 2]);
+    vec![case, tilted, absorbing, stacked, clear, covered, bent, scattering, frosted, rough_bent]
 }
 
 pub(crate) fn bits(pixels: &[PixelMeans]) -> Vec<u32> {

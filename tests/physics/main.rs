@@ -20,6 +20,7 @@ mod optics;
 mod pixels;
 mod property;
 mod reference;
+mod rough;
 mod sampler;
 mod slab;
 mod spot;

@@ -208,6 +208,39 @@ fn bent_panes_match_with_both_apexes() {
     compare("steps and noise, radius 1.5 m, camera, frame and cards", &case);
 }
 
+/// Rough faces, alone and with every other feature of a pane.
+#[test]
+fn rough_panes_match_with_every_other_feature() {
+    let mut case = case(Relief::Steps, Relief::Noise);
+    case.roughness = Some(vec![0.02; 2]);
+    compare("steps and noise, alpha 0.02", &case);
+    (case.tilt_deg, case.gaussian) = ([0.0, 40.0], true);
+    case.roughness = Some(vec![0.1, 0.03]);
+    compare("steps and noise, alpha 0.1 and 0.03, tilt 40, Gaussian", &case);
+    (case.tilt_deg, case.apex) = ([-12.0, 20.0], Apex::Camera);
+    case.absorption_per_m = [3.0, 1.0, 8.0];
+    compare("steps and noise, camera, alpha 0.1 and 0.03, tilt -12 20, absorbing", &case);
+    case.bow_radius_m = Some(-3.0);
+    compare("steps and noise, camera, alpha 0.1 and 0.03, radius -3 m, tilt, absorbing", &case);
+    (case.bow_radius_m, case.tilt_deg) = (Some(6.0), [0.0; 2]);
+    let edges = Edges {
+        x_m: [-0.06, 0.05],
+        y_m: [-0.045, 0.07],
+        frame_m: 0.02,
+        frame_radiance: [0.3, 0.2, 0.1],
+    };
+    let card = noisy_card(0.7, [0.1, 0.0], 0.4, 3);
+    case.covered.edges = Some(edges);
+    case.covered.cards = [vec![card.clone()], vec![card]];
+    compare("steps and noise, camera, alpha 0.1 and 0.03, radius 6 m, frame and cards", &case);
+    (case.bow_radius_m, case.apex) = (None, Apex::Mirror);
+    case.stack = Some(coated_double_pane());
+    case.roughness = Some(vec![0.01, 0.0, 0.0, 0.04]);
+    compare("steps and noise, rough coated double pane, frame and cards", &case);
+    case.tolerance = 1e-7;
+    compare("steps and noise, rough coated double pane, many paths", &case);
+}
+
 #[test]
 fn weak_orders_match_over_several_blocks() {
     let mut case = case(Relief::Smooth, Relief::Steps);

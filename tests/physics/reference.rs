@@ -3,10 +3,11 @@
 use crate::bow::BentPane;
 use crate::case::{Apex, Case, Photo};
 use crate::cover::Place;
-use crate::optics::Pane;
+use crate::optics::{Exit, Pane};
+use crate::rough::RoughReference;
 use glam::{DMat3, DVec3};
 use render::trace::{
-    FollowedOrder, Order, PixelMeans, PixelSeed, Scene, Stack, StackOptics, sample,
+    FollowedOrder, Meeting, Order, PixelMeans, PixelSeed, Scene, Stack, StackOptics, sample,
 };
 
 /// Length of the border's continuation, px.
@@ -174,6 +175,9 @@ impl<'a> Sheet<'a> {
     }
 }
 
+/// The faces that a path meets, the pixel and the number of its sample.
+type Scattered<'a> = (&'a [Meeting], (&'a PixelSeed, u32));
+
 /// The f64 renderer of a case, with the tracer's sample points and choice of orders.
 pub(crate) struct Reference<'a> {
     case: &'a Case,
@@ -181,6 +185,7 @@ pub(crate) struct Reference<'a> {
     front: Sheet<'a>,
     back: Sheet<'a>,
     pane: Pane,
+    rough: Option<RoughReference>,
     /// Rotation and shift from world coordinates x to the back camera's coordinates `rotation * x + shift`.
     to_back: (DMat3, DVec3),
 }
@@ -213,6 +218,7 @@ impl<'a> Reference<'a> {
                 ior: case.ior,
                 absorption_per_m: case.absorption_per_m,
             },
+            rough: RoughReference::new(case),
             to_back,
         }
     }
@@ -247,11 +253,23 @@ impl<'a> Reference<'a> {
         (pinhole.normalize(), lens, direction.normalize())
     }
 
-    /// Returns the radiance and the weight along an order, at the place where the ray meets the pane's plane.
-    fn behind_pane(&self, order: Order, origin: DVec3, d: DVec3) -> ([f64; 3], [f64; 3]) {
+    /// Returns the radiance and the weight along an order, at the place where the ray meets the pane's plane. `rough` has the faces
+    /// of its path, the pixel and the number of the sample; without it, the faces are smooth.
+    fn behind_pane(
+        &self,
+        order: Order,
+        origin: DVec3,
+        d: DVec3,
+        rough: Option<Scattered<'_>>,
+    ) -> ([f64; 3], [f64; 3]) {
         let covered = &self.case.covered;
         match (covered.place(self.case, origin, d), order) {
-            (Place::Glass, _) => self.behind_glass(order, origin, d),
+            (Place::Glass, _) => match (&self.rough, rough) {
+                (Some(pane), Some((meetings, of))) => {
+                    self.after(order, pane.follow(meetings, of, origin, d))
+                }
+                _ => self.behind_glass(order, origin, d),
+            },
             (Place::Frame, Order::Transmitted(0)) => {
                 let edges = covered.edges.as_ref().expect("a frame has edges");
                 (edges.frame_radiance.map(f64::from), [1.0; 3])
@@ -269,6 +287,11 @@ impl<'a> Reference<'a> {
             Some(bent) => bent.follow(origin, d, order),
             None => self.pane.exit(origin, d, order),
         };
+        self.after(order, exit)
+    }
+
+    /// Returns the radiance along a ray that has left the pane, and its weight.
+    fn after(&self, order: Order, exit: Exit) -> ([f64; 3], [f64; 3]) {
         let radiance = match order {
             Order::Transmitted(_) => self.seen_in_front(exit.point, exit.direction),
             Order::Reflected(_) => self.seen_in_back(exit.point, exit.direction),
@@ -360,14 +383,22 @@ impl<'a> Reference<'a> {
         };
         let mut layers = [[0.0; 3]; 4];
         let orders = &self.scene.orders;
-        for followed in orders.front.iter().chain(&orders.back) {
+        for (number, followed) in orders.front.iter().chain(&orders.back).enumerate() {
             let taken = samples_of(followed, spp);
+            let index = number.checked_sub(orders.front.len()).unwrap_or(number);
+            let meetings = self.scene.rough.as_ref().map(|r| r.meetings(followed.order, index));
             for s in (0..spp).filter(|s| s % 256 < taken.1) {
                 let (_, lens, d) = self.camera(x, y, sample(&seed, s));
-                let (radiance, weight) = self.behind_pane(followed.order, lens, d);
+                let order = followed.order;
+                let scattered = meetings.map(|meetings| (meetings, (&seed, s)));
+                let (radiance, weight) = self.behind_pane(order, lens, d, scattered);
                 add(&mut layers[0], radiance, weight, taken.0);
                 match followed.order {
-                    Order::Transmitted(0) => add(&mut layers[1], radiance, [1.0; 3], taken.0),
+                    Order::Transmitted(0) => {
+                        // T sees through the smooth pane.
+                        let (bare, _) = self.behind_pane(order, lens, d, None);
+                        add(&mut layers[1], bare, [1.0; 3], taken.0);
+                    }
                     Order::Transmitted(_) => {}
                     Order::Reflected(_) => add(&mut layers[2], radiance, weight, taken.0),
                 }

@@ -163,7 +163,7 @@ fn scatter(pane: &Stack, alphas: &[f64], order: Order) -> f64 {
         let [near, far] = pane.iors(face);
         (far - near) * (far - near)
     };
-    let refracted: f64 = (0..pane.faces_count()).map(step).sum();
+    let refracted: f64 = (0..pane.coatings().len()).map(step).sum();
     let reflected = 2.0 * pane.largest_ior();
     3.0 * alpha
         * match order {

@@ -2,9 +2,10 @@
 
 use super::bent::BentRays;
 use super::cover::Entries;
+use super::isa::Isa;
 use super::lanes::{CHUNK, LANES, Lane, sin_cos_octant};
 use super::patch::Patch;
-use super::rough::{RoughPane, RoughPath, RoughRays};
+use super::rough::{CameraRays, RoughPane, RoughPath, RoughRays};
 use super::sampler::points;
 use super::scene::Scene;
 use super::stack::StackOptics;
@@ -121,13 +122,15 @@ impl CameraChunk {
     pub(super) fn scatter(
         &mut self,
         scene: &Scene,
-        pane: &RoughPane,
-        path: &RoughPath,
+        (pane, path): (&RoughPane, &RoughPath),
         patch: &Patch,
         count: usize,
+        isa: Isa,
     ) {
-        let (direction, lens) = (&self.direction, &self.lens);
-        self.rough.follow((pane, path), scene.sampling, patch, direction, lens, count);
+        let sampling = scene.sampling;
+        let rays =
+            CameraRays { patch, sampling, direction: &self.direction, lens: &self.lens, count };
+        self.rough.follow(pane, path, &rays, isa);
     }
 
     /// Locates the rays' cosines of incidence in the tables of a stack.

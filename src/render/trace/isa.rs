@@ -41,6 +41,15 @@ impl Isa {
         }
     }
 
+    /// Returns the instruction set with this number.
+    pub(super) const fn numbered(number: u8) -> Self {
+        match number {
+            AVX512 => Self::Avx512,
+            AVX2 => Self::Avx2,
+            _ => Self::Baseline,
+        }
+    }
+
     /// Detects the fastest instruction set of this machine.
     pub fn detect() -> Self {
         let mut fastest = Self::ALL.into_iter().rev();

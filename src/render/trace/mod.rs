@@ -66,7 +66,7 @@ pub use means::{PixelMeans, square_error};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshCounts, NEAR_M};
 pub use orders::{FollowedOrder, OrderPlan};
 pub use probe::{BundleProbe, ProbeRay, WalkCount, sample_patch};
-pub use rough::RoughPane;
+pub use rough::{Meeting, RoughPane};
 pub use sampler::{BLOCK, PixelSeed, sample};
 pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, Surface, View};
 pub use slab::{Order, Slab};

@@ -21,24 +21,26 @@
 //! T and R are those of the smooth pane, so only I and R~ are blurred. Every path is an order of its own: paths that
 //! cross equal lengths leave a smooth stack on one line, but rough faces in different lobes.
 
+mod paths;
 mod rays;
 
-pub(super) use rays::RoughRays;
+pub use paths::Meeting;
+pub(super) use rays::{CameraRays, RoughRays};
 
 use super::bow::Bow;
 use super::orders::OrderPlan;
 use super::slab::{Order, Slab};
-use super::stack::{Exit, Meeting, Stack, StackPath};
+use super::stack::{Exit, Stack};
 use glam::{DVec3, Vec3};
-
-/// Number of intervals of the cosines at which paths are compared.
-const INTERVALS: u32 = 16;
+use paths::Selected;
 
 /// A pane with rough faces, and the paths that the tracer follows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoughPane {
     paths: [Vec<RoughPath>; 2],
-    /// Normal of the pane at the pivot, which points away from the lens, and two directions that span its plane.
+    /// The different roughnesses of its faces.
+    alphas: Vec<f32>,
+    /// Two directions that span the pane's plane at the pivot, and its normal, which points away from the lens.
     axes: [Vec3; 3],
     /// Distance of the pivot from the lens along the optical axis, m.
     distance_m: f32,
@@ -51,6 +53,7 @@ pub struct RoughPane {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct RoughPath {
     steps: Vec<Step>,
+    meetings: Vec<Meeting>,
     is_front: bool,
     /// Product of the shares of coated faces, for each colour.
     coated: [f32; 3],
@@ -60,7 +63,8 @@ pub(super) struct RoughPath {
 /// The way to a face, and the meeting with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Step {
-    alpha: f32,
+    /// Number of the face's roughness in [`RoughPane::alphas`].
+    roughness: usize,
     /// Indices of refraction before and behind the face, as the light travels.
     ior: [f32; 2],
     reflects: bool,
@@ -76,39 +80,49 @@ struct Step {
 }
 
 impl RoughPane {
-    /// Selects the paths of a pane whose faces have the roughness `alphas`, for cosines of incidence between
-    /// `least_cos` and `most_cos`, the largest radiances of the front and the back scene, and the film's tolerance.
+    /// Selects the paths of a pane whose faces have the roughness `alphas`, for cosines of incidence between these two, the largest radiances of the front and the back scene, and the film's tolerance.
     ///
     /// Panics if the numbers of faces and alphas differ.
     pub fn new(
         stack: &Stack,
         alphas: &[f64],
         (slab, bow, distance_m): (&Slab, Option<&Bow>, f64),
-        [least_cos, most_cos]: [f64; 2],
+        cosines: [f64; 2],
         max_radiance: [f64; 2],
         tolerance: f64,
     ) -> (Self, OrderPlan) {
-        assert!(alphas.len() == stack.faces_count(), "every face has a roughness");
-        let at = |i| least_cos + (most_cos - least_cos) * f64::from(i) / f64::from(INTERVALS);
-        let cosines: Vec<f64> = (0..=INTERVALS).map(at).collect();
-        let sides = stack.paths(&cosines, max_radiance, tolerance);
-        let weights = [0, 1].map(|side: usize| {
-            sides[side].paths.iter().map(|path| path.max_weight()).collect::<Vec<f64>>()
-        });
-        let tails = sides.each_ref().map(|side| side.tail);
+        assert!(alphas.len() == stack.coatings().len(), "every face has a roughness");
+        let sides = paths::select(stack, alphas, cosines, max_radiance, tolerance);
+        let weights = sides
+            .each_ref()
+            .map(|(paths, _)| paths.iter().map(|path| path.max_weight).collect::<Vec<f64>>());
+        let tails = sides.each_ref().map(|(_, left)| *left);
         let plan = OrderPlan::of_weights(weights, tails, max_radiance, tolerance);
         let curvature_per_m = bow.map_or(0.0, |bow| bow.curvature_per_m);
-        let prepare = |path: &StackPath| RoughPath::new(stack, alphas, curvature_per_m, path);
+        let mut distinct: Vec<f64> = vec![];
+        for alpha in alphas {
+            if !distinct.contains(alpha) {
+                distinct.push(*alpha);
+            }
+        }
+        let prepare =
+            |path: &Selected| RoughPath::new(stack, [alphas, &distinct], curvature_per_m, path);
         let normal = slab.normal;
         let across = (DVec3::X - normal * normal.x).normalize();
         let pane = Self {
-            paths: [0, 1].map(|side: usize| sides[side].paths.iter().map(prepare).collect()),
-            axes: [normal, across, normal.cross(across)].map(|axis| axis.as_vec3()),
+            paths: [0, 1].map(|side: usize| sides[side].0.iter().map(prepare).collect()),
+            alphas: distinct.iter().map(|alpha| *alpha as f32).collect(),
+            axes: [across, normal.cross(across), normal].map(|axis| axis.as_vec3()),
             distance_m: distance_m as f32,
             curvature_per_m: curvature_per_m as f32,
             is_coloured: stack.is_coloured(),
         };
         (pane, plan)
+    }
+
+    /// Returns the faces that the path of an order meets; `index` is that of the order among the followed ones of its side.
+    pub fn meetings(&self, order: Order, index: usize) -> &[Meeting] {
+        &self.path(order, index).meetings
     }
 
     /// Returns the path of an order that the tracer follows.
@@ -118,24 +132,30 @@ impl RoughPane {
 }
 
 impl RoughPath {
-    fn new(stack: &Stack, alphas: &[f64], curvature_per_m: f64, path: &StackPath) -> Self {
+    /// Prepares a path. `alphas` are those of the faces, and `distinct` the different ones.
+    fn new(
+        stack: &Stack,
+        [alphas, distinct]: [&[f64]; 2],
+        curvature_per_m: f64,
+        path: &Selected,
+    ) -> Self {
         let (mut coated, mut before) = ([1.0; 3], 0);
         let mut steps = vec![];
         for (number, &Meeting { face, inward, reflects }) in path.meetings.iter().enumerate() {
             let [near, far] = stack.iors(face);
             let ior = if inward { [near, far] } else { [far, near] };
-            if let Some(coating) = &stack.coatings[face] {
+            if let Some(coating) = &stack.coatings()[face] {
                 let share = if reflects { coating.reflectance } else { coating.transmittance };
                 (0..3).for_each(|c| coated[c] *= share[c]);
             }
             let [from_m, to_m] = [stack.depth_m(before), stack.depth_m(face)];
-            let crossed = (number > 0).then(|| &stack.layers[before.min(face)]);
+            let crossed = (number > 0).then(|| &stack.layers()[before.min(face)]);
             let of_sphere = |m: f64| 2.0 * m + curvature_per_m * m * m;
             steps.push(Step {
-                alpha: alphas[face] as f32,
+                roughness: distinct.iter().position(|alpha| *alpha == alphas[face]).unwrap_or(0),
                 ior: ior.map(|ior| ior as f32),
                 reflects,
-                is_coated: stack.coatings[face].is_some(),
+                is_coated: stack.coatings()[face].is_some(),
                 travel_m: (to_m - from_m) as f32,
                 constant_m: (of_sphere(from_m) - of_sphere(to_m)) as f32,
                 inverse_ratio: (1.0 / (1.0 + curvature_per_m * to_m)) as f32,
@@ -147,6 +167,7 @@ impl RoughPath {
         }
         let absorbs = steps.iter().any(|step| step.absorption_per_m != [0.0; 3]);
         let is_front = path.exit == Exit::Transmitted;
-        Self { steps, is_front, coated: coated.map(|share: f64| share as f32), absorbs }
+        let meetings = path.meetings.clone();
+        Self { steps, meetings, is_front, coated: coated.map(|share: f64| share as f32), absorbs }
     }
 }

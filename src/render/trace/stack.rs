@@ -43,8 +43,8 @@ pub struct Coating {
 /// Parallel layers of glass and gaps, from the camera outwards. Face i lies before layer i, and the last face behind all.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stack {
-    pub(super) layers: Vec<StackLayer>,
-    pub(super) coatings: Vec<Option<Coating>>,
+    layers: Vec<StackLayer>,
+    coatings: Vec<Option<Coating>>,
     /// Indices of the media, each once.
     media: Vec<f64>,
 }
@@ -89,6 +89,16 @@ impl Stack {
         Self { layers, coatings, media }
     }
 
+    /// Returns the layers, from the camera outwards.
+    pub fn layers(&self) -> &[StackLayer] {
+        &self.layers
+    }
+
+    /// Returns the coating of each face.
+    pub fn coatings(&self) -> &[Option<Coating>] {
+        &self.coatings
+    }
+
     /// Returns the thickness of all layers together, m.
     pub fn thickness_m(&self) -> f64 {
         self.layers.iter().map(|layer| layer.thickness_m).sum()
@@ -116,11 +126,6 @@ impl Stack {
     /// Returns the distance of a face from face 0, m.
     pub(super) fn depth_m(&self, face: usize) -> f64 {
         self.layers[..face].iter().map(|layer| layer.thickness_m).sum()
-    }
-
-    /// Returns the number of faces.
-    pub fn faces_count(&self) -> usize {
-        self.coatings.len()
     }
 
     /// Returns the largest index of refraction.
@@ -296,10 +301,8 @@ fn product(a: &Power, b: &Power) -> Power {
     [0, 1].map(|q| [0, 1, 2].map(|c| a[q][c] * b[q][c]))
 }
 
-mod paths;
 mod table;
 
-pub(super) use paths::{Meeting, StackPath};
 pub use table::{StackOptics, StackTable};
 
 #[cfg(test)]

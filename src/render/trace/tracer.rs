@@ -17,7 +17,7 @@
 
 use super::bundle::{Bundle, BundleRays, Feeds};
 use super::camera::CameraChunk;
-use super::isa::{BASELINE, Isa};
+use super::isa::Isa;
 use super::lanes::{CHUNK, LANES};
 use super::lines::{Path, ViewLanes, path_of, smooth_path_of};
 use super::means::{
@@ -223,7 +223,8 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
             return;
         }
         if let (Path::Rough(path), Some(pane)) = (path, &scene.rough) {
-            self.camera.scatter(scene, pane, path, &place.patch, ends[2]);
+            let isa = Isa::numbered(ISA);
+            self.camera.scatter(scene, (pane, path), &place.patch, ends[2], isa);
         }
         let side = usize::from(!matches!(order, Some(Order::Transmitted(_))));
         let bundle = Bundle {
@@ -244,8 +245,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
                 rays.follow::<ISA>(scene, view, lanes, &bundle, spans, [sums, bare])
             }
             (Surface::Mesh(mesh), _) => {
-                let isa = if ISA == BASELINE { Isa::Baseline } else { Isa::Avx2 };
-                mesh::follow(scene, mesh, &bundle, isa, sums, bare)
+                mesh::follow(scene, mesh, &bundle, Isa::numbered(ISA), sums, bare)
             }
             (Surface::Sheet(_), None) => unreachable!("each sheet has coordinates"),
         };

@@ -2,28 +2,31 @@
 
 use super::super::bent::RayLanes;
 use super::super::camera::concentric_disc;
+use super::super::isa::Isa;
 use super::super::lanes::{CHUNK, LANES, Lane, exp_neg, max, min, neg_ln};
 use super::super::patch::Patch;
-use super::super::sampler::{SeedLanes, points};
+use super::super::sampler::points;
 use super::super::scene::Sampling;
 use super::{RoughPane, RoughPath, Step};
 use glam::Vec3;
 
-/// Least cosine of a direction's angle to the normal of a face, and to the optical axis. Flatter rays would
-/// leave the numbers' range.
+/// Least cosine of a direction's angle to the normal of a face, and to the optical axis. Flatter rays would leave the
+/// range of the numbers.
 const LEAST_COS: f32 = 1.0e-4;
 
-/// Largest square of a facet's coordinates in the unit disc, from which its slopes are drawn: the logarithm of 0 has no end.
+/// Largest square of a facet's coordinates in the unit disc, from which its slopes are drawn: at 1, the slopes are infinite.
 const MOST_OF_DISC: f32 = 1.0 - 1.0 / 16_777_216.0;
 
 /// Rays of a chunk along one path, after the glass (of the mirrored world, for reflected light).
 pub(in super::super) struct RoughRays {
-    /// Slopes of the facets of a face with roughness 1 (across and down), for each meeting of a path.
-    slopes: Vec<[[Lane; CHUNK]; 2]>,
-    /// Number of meetings whose slopes belong to the current chunk, and its samples.
-    ready: usize,
+    /// Facets by meeting and roughness, and whether they are those of the current chunk.
+    facets: Vec<(bool, Facets)>,
+    /// The first sample of the chunk, and the number of its samples.
     first: u32,
     count: usize,
+    /// The chunk's rays at the first face, if they have arrived: points and unit directions, as in [`Travellers`].
+    arrival: [[Lane; CHUNK]; 6],
+    has_arrived: bool,
     /// Directions (x, y, 1) relative to the pixels' centres.
     relative: [[Lane; CHUNK]; 2],
     /// Points in the plane z = 0, m.
@@ -34,7 +37,28 @@ pub(in super::super) struct RoughRays {
     pub(in super::super) is_coloured: bool,
 }
 
-/// Sixteen rays on their way through the pane. Points are relative to the pivot.
+/// Facets of a chunk: slopes across and down, and the inverse length of the normal (x, y, 1).
+#[derive(Clone)]
+struct Facets {
+    x: [Lane; CHUNK],
+    y: [Lane; CHUNK],
+    inverse: [Lane; CHUNK],
+}
+
+/// The camera rays of a chunk.
+pub(in super::super) struct CameraRays<'a> {
+    pub(in super::super) patch: &'a Patch,
+    pub(in super::super) sampling: Sampling,
+    /// Directions relative to the pixels' centres.
+    pub(in super::super) direction: &'a [[Lane; CHUNK]; 2],
+    /// Points of the lens, m.
+    pub(in super::super) lens: &'a [[Lane; CHUNK]; 2],
+    /// Number of samples of each pixel along the path.
+    pub(in super::super) count: usize,
+}
+
+/// Sixteen rays on their way through the pane. Points are relative to the pivot. For a flat pane, all coordinates are those of its
+/// axes.
 struct Travellers {
     point: [Lane; 3],
     direction: [Lane; 3],
@@ -48,10 +72,11 @@ impl RoughRays {
     pub(in super::super) fn new() -> Box<Self> {
         let lanes = [[0.0; LANES]; CHUNK];
         Box::new(Self {
-            slopes: vec![],
-            ready: 0,
+            facets: vec![],
             first: 0,
             count: 0,
+            arrival: [lanes; 6],
+            has_arrived: false,
             relative: [lanes; 2],
             point: [lanes; 2],
             weight: [lanes; 3],
@@ -61,66 +86,152 @@ impl RoughRays {
 
     /// Begins a chunk with the samples `first .. first + count` of each pixel.
     pub(in super::super) fn begin(&mut self, first: u32, count: usize) {
-        (self.ready, self.first, self.count) = (0, first, count);
+        (self.first, self.count, self.has_arrived) = (first, count, false);
+        self.facets.iter_mut().for_each(|(is_ready, _)| *is_ready = false);
     }
 
-    /// Draws the slopes of the facets of the first `meetings` faces of all paths of the chunk.
-    #[inline(always)]
-    fn draw(&mut self, sampling: Sampling, seeds: &SeedLanes, meetings: usize) {
-        if self.slopes.len() < meetings {
-            self.slopes.resize(meetings, [[[0.0; LANES]; CHUNK]; 2]);
-        }
-        for k in self.ready..meetings {
-            let [x, y] = &mut self.slopes[k];
-            let (x, y) = (&mut x[..self.count], &mut y[..self.count]);
-            points(sampling, &seeds.of_meeting(k as u32), 0, self.first, x, y);
-            for s in 0..self.count {
-                for l in 0..LANES {
-                    (x[s][l], y[s][l]) = slopes(x[s][l], y[s][l]);
-                }
-            }
-        }
-        self.ready = self.ready.max(meetings);
-    }
-
-    /// Traces the first `count` rays of the chunk along a path.
-    #[inline(always)]
+    /// Traces camera rays along a path.
+    ///
+    /// This function is never inlined, because the loops of smooth panes must not contain its code. Therefore it selects the
+    /// instruction set itself.
+    #[inline(never)]
     pub(in super::super) fn follow(
         &mut self,
-        (pane, path): (&RoughPane, &RoughPath),
-        sampling: Sampling,
-        patch: &Patch,
-        direction: &[[Lane; CHUNK]; 2],
-        lens: &[[Lane; CHUNK]; 2],
-        count: usize,
+        pane: &RoughPane,
+        path: &RoughPath,
+        rays: &CameraRays<'_>,
+        isa: Isa,
     ) {
-        self.draw(sampling, &patch.seeds, path.steps.len());
-        self.is_coloured = pane.is_coloured;
-        for s in 0..count {
-            let start = [&direction[0][s], &direction[1][s], &lens[0][s], &lens[1][s]];
-            let mut rays = Travellers::new(pane, &patch.center, start);
-            for (k, step) in path.steps.iter().enumerate() {
-                let slopes = [&self.slopes[k][0][s], &self.slopes[k][1][s]];
-                if pane.curvature_per_m == 0.0 {
-                    rays.meet::<false>(pane, step, k == 0, slopes);
-                } else {
-                    rays.meet::<true>(pane, step, k == 0, slopes);
-                }
+        #[cfg(target_arch = "x86_64")]
+        #[allow(unsafe_code, reason = "calling functions compiled for AVX2 and AVX-512")]
+        if isa.is_available() {
+            match isa {
+                // SAFETY: this machine has AVX-512.
+                Isa::Avx512 => return unsafe { self.follow_avx512(pane, path, rays) },
+                // SAFETY: this machine has AVX2.
+                Isa::Avx2 => return unsafe { self.follow_avx2(pane, path, rays) },
+                Isa::Baseline => {}
             }
-            self.leave(pane, path, &rays, &patch.center, s);
+        }
+        self.follow_lanes(pane, path, rays);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn follow_avx2(&mut self, pane: &RoughPane, path: &RoughPath, rays: &CameraRays<'_>) {
+        self.follow_lanes(pane, path, rays);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,avx512f,avx512vl,avx512dq,avx512bw")]
+    fn follow_avx512(&mut self, pane: &RoughPane, path: &RoughPath, rays: &CameraRays<'_>) {
+        self.follow_lanes(pane, path, rays);
+    }
+
+    #[inline(always)]
+    fn follow_lanes(&mut self, pane: &RoughPane, path: &RoughPath, rays: &CameraRays<'_>) {
+        self.is_coloured = pane.is_coloured;
+        if !self.has_arrived {
+            self.arrive(pane, rays);
+        }
+        for (k, step) in path.steps.iter().enumerate() {
+            self.draw(pane, rays, k, step.roughness);
+        }
+        if pane.curvature_per_m == 0.0 {
+            self.pass::<false>(pane, path, rays);
+        } else {
+            self.pass::<true>(pane, path, rays);
         }
     }
 
-    /// Returns the rays of sample `s`.
+    /// Finds the points at which the chunk's rays meet face 0, and their unit directions.
     #[inline(always)]
-    pub(in super::super) fn rays(&self, s: usize) -> RayLanes {
-        let of = |lanes: &[[Lane; CHUNK]; 2]| [lanes[0][s], lanes[1][s]];
-        RayLanes { relative: of(&self.relative), point: of(&self.point) }
+    fn arrive(&mut self, pane: &RoughPane, rays: &CameraRays<'_>) {
+        let (n, kappa, center) = (pane.axes[2], pane.curvature_per_m, &rays.patch.center);
+        for s in 0..self.count {
+            for l in 0..LANES {
+                let x = center[0][l] + rays.direction[0][s][l];
+                let y = center[1][l] + rays.direction[1][s][l];
+                let d = Vec3::new(x, y, 1.0) * (1.0 / (1.0 + (x * x + y * y)).sqrt());
+                let p = Vec3::new(rays.lens[0][s][l], rays.lens[1][s][l], -pane.distance_m);
+                // Without curvature, the root is the linear coefficient.
+                let linear = kappa * dot(p, d) + dot(d, n);
+                let constant = kappa * dot(p, p) + 2.0 * dot(p, n);
+                let root = max(linear * linear - kappa * constant, 0.0).sqrt();
+                let p = p - d * (constant / (linear + root));
+                let is_flat = kappa == 0.0;
+                let (p, d) =
+                    if is_flat { (to_frame(pane.axes, p), to_frame(pane.axes, d)) } else { (p, d) };
+                for (lanes, v) in self.arrival.iter_mut().zip([p.x, p.y, p.z, d.x, d.y, d.z]) {
+                    lanes[s][l] = v;
+                }
+            }
+        }
+        self.has_arrived = true;
+    }
+
+    /// Draws the facets of meeting `k` for the pane's roughness with this number.
+    #[inline(always)]
+    fn draw(&mut self, pane: &RoughPane, rays: &CameraRays<'_>, k: usize, roughness: usize) {
+        let index = k * pane.alphas.len() + roughness;
+        while self.facets.len() <= index {
+            let lanes = [[0.0; LANES]; CHUNK];
+            self.facets
+                .push((false, Facets { x: lanes, y: lanes, inverse: [[1.0; LANES]; CHUNK] }));
+        }
+        let (is_ready, facets) = &mut self.facets[index];
+        let alpha = pane.alphas[roughness];
+        // The facets of a smooth face are those that `facets` begins with.
+        if *is_ready || alpha == 0.0 {
+            return;
+        }
+        *is_ready = true;
+        let Facets { x, y, inverse } = facets;
+        let seeds = rays.patch.seeds.of_meeting(k as u32);
+        points(rays.sampling, &seeds, 0, self.first, &mut x[..self.count], &mut y[..self.count]);
+        for s in 0..self.count {
+            for l in 0..LANES {
+                let (u, v) = concentric_disc(x[s][l], y[s][l]);
+                // The square of the distance from the centre is uniform, and tan^2 = -alpha^2 ln(1 - square).
+                let square = min(u * u + v * v, MOST_OF_DISC);
+                let scale = alpha * (neg_ln(1.0 - square) / max(square, 1.0e-30)).sqrt();
+                (x[s][l], y[s][l]) = (u * scale, v * scale);
+                inverse[s][l] = 1.0 / (1.0 + (x[s][l] * x[s][l] + y[s][l] * y[s][l])).sqrt();
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn pass<const BENT: bool>(
+        &mut self,
+        pane: &RoughPane,
+        path: &RoughPath,
+        camera: &CameraRays<'_>,
+    ) {
+        for s in 0..camera.count {
+            let mut rays = Travellers {
+                point: [0, 1, 2].map(|k| self.arrival[k][s]),
+                direction: [3, 4, 5].map(|k| self.arrival[k][s]),
+                power: [[1.0; LANES]; 2],
+                depth: [[0.0; LANES]; 3],
+            };
+            for (k, step) in path.steps.iter().enumerate() {
+                let (_, facets) = &self.facets[k * pane.alphas.len() + step.roughness];
+                let facets = [&facets.x[s], &facets.y[s], &facets.inverse[s]];
+                match (k, step.reflects) {
+                    (0, false) => rays.meet::<BENT, true, false>(pane, step, facets),
+                    (0, true) => rays.meet::<BENT, true, true>(pane, step, facets),
+                    (_, false) => rays.meet::<BENT, false, false>(pane, step, facets),
+                    (_, true) => rays.meet::<BENT, false, true>(pane, step, facets),
+                }
+            }
+            self.leave::<BENT>(pane, path, &rays, &camera.patch.center, s);
+        }
     }
 
     /// Stores the rays of sample `s` after their last face.
     #[inline(always)]
-    fn leave(
+    fn leave<const BENT: bool>(
         &mut self,
         pane: &RoughPane,
         path: &RoughPath,
@@ -128,13 +239,15 @@ impl RoughRays {
         center: &[Lane; 2],
         s: usize,
     ) {
-        let n = pane.axes[0];
         // Reflected rays are mirrored in the plane of the pane.
-        let mirrored = if path.is_front { 0.0 } else { 2.0 };
+        let sign = if path.is_front { 1.0 } else { -1.0 };
         for l in 0..LANES {
-            let (p, d) = (lane(&rays.point, l), lane(&rays.direction, l));
-            let p = p - n * (mirrored * dot(p, n));
-            let d = d - n * (mirrored * dot(d, n));
+            let (mut p, mut d) = (lane(&rays.point, l), lane(&rays.direction, l));
+            if BENT {
+                (p, d) = (to_frame(pane.axes, p), to_frame(pane.axes, d));
+            }
+            (p.z, d.z) = (p.z * sign, d.z * sign);
+            let (p, d) = (from_frame(pane.axes, p), from_frame(pane.axes, d));
             let inverse = 1.0 / max(d.z, LEAST_COS);
             let (dx, dy) = (d.x * inverse, d.y * inverse);
             self.relative[0][s][l] = dx - center[0][l];
@@ -150,99 +263,43 @@ impl RoughRays {
             }
         }
     }
+
+    /// Returns the rays of sample `s`.
+    #[inline(always)]
+    pub(in super::super) fn rays(&self, s: usize) -> RayLanes {
+        let of = |lanes: &[[Lane; CHUNK]; 2]| [lanes[0][s], lanes[1][s]];
+        RayLanes { relative: of(&self.relative), point: of(&self.point) }
+    }
 }
 
 impl Travellers {
-    /// Starts at the lens, with directions relative to `center` and lens points.
+    /// Moves the rays to a face (unless it is the `FIRST`, where they are), and reflects or refracts them at these facets.
     #[inline(always)]
-    fn new(pane: &RoughPane, center: &[Lane; 2], [dx, dy, ax, ay]: [&Lane; 4]) -> Self {
-        let mut rays = Self {
-            point: [[0.0; LANES], [0.0; LANES], [-pane.distance_m; LANES]],
-            direction: [[0.0; LANES]; 3],
-            power: [[1.0; LANES]; 2],
-            depth: [[0.0; LANES]; 3],
-        };
-        for l in 0..LANES {
-            let (x, y) = (center[0][l] + dx[l], center[1][l] + dy[l]);
-            let inverse = 1.0 / (1.0 + (x * x + y * y)).sqrt();
-            rays.point[0][l] = ax[l];
-            rays.point[1][l] = ay[l];
-            rays.direction[0][l] = x * inverse;
-            rays.direction[1][l] = y * inverse;
-            rays.direction[2][l] = inverse;
-        }
-        rays
-    }
-
-    /// Moves the rays to a face, and reflects or refracts them there at facets with these slopes over alpha.
-    #[inline(always)]
-    fn meet<const BENT: bool>(
+    fn meet<const BENT: bool, const FIRST: bool, const REFLECTS: bool>(
         &mut self,
         pane: &RoughPane,
         step: &Step,
-        is_first: bool,
-        slopes: [&Lane; 2],
+        [x, y, inverse]: [&Lane; 3],
     ) {
-        let [n, across, down] = pane.axes;
-        let kappa = pane.curvature_per_m;
-        let (alpha, [before, behind]) = (step.alpha, step.ior);
-        let eta = before / behind;
         for l in 0..LANES {
             let (p, d) = (lane(&self.point, l), lane(&self.direction, l));
-            let along = dot(d, n);
-            let way_m = if BENT {
-                let linear = kappa * dot(p, d) + along;
-                let from_lens = kappa * dot(p, p) + 2.0 * dot(p, n);
-                let constant = if is_first { from_lens } else { step.constant_m };
-                let root = max(linear * linear - kappa * constant, 0.0).sqrt();
-                -constant / (linear + root.copysign(linear))
+            let facet = [x[l], y[l], inverse[l]];
+            let (p, out, shares, way_m) = if BENT {
+                let way_m = if FIRST { 0.0 } else { pane.way_m(step, p, d) };
+                let p = p + d * way_m;
+                let frame = pane.frame(step, p);
+                let (out, shares) = scatter::<REFLECTS>(step, to_frame(frame, d), facet);
+                (p, from_frame(frame, out), shares, way_m)
             } else {
-                (if is_first { -dot(p, n) } else { step.travel_m }) / along
-            };
-            let p = p + d * way_m;
-            let (n, across, down) = if BENT {
-                let n = (n + p * kappa) * step.inverse_ratio;
-                let across = across - n * dot(across, n);
-                let across = across * (1.0 / dot(across, across).sqrt());
-                (n, across, cross(n, across))
-            } else {
-                (n, across, down)
+                let way_m = if FIRST { 0.0 } else { step.travel_m / d.z };
+                let (out, shares) = scatter::<REFLECTS>(step, d, facet);
+                (p + d * way_m, out, shares, way_m)
             };
             for c in 0..3 {
                 self.depth[c][l] += step.absorption_per_m[c] * way_m;
             }
-            let (x, y) = (slopes[0][l] * alpha, slopes[1][l] * alpha);
-            // The facet's normal m, with a component of 1 along n.
-            let m = n + across * x + down * y;
-            let (square, to_face, to_facet) = (1.0 + (x * x + y * y), dot(d, n), dot(d, m));
-            let inverse = 1.0 / square.sqrt();
-            let cos = to_facet.abs() * inverse;
-            // n_1 sin_1 = n_2 sin_2; beyond total reflection, nothing is transmitted.
-            let cos_t = max(1.0 - eta * eta * (1.0 - cos * cos), 0.0).sqrt();
-            let (out, straight) = if step.reflects {
-                (d - m * (2.0 * to_facet / square), d - n * (2.0 * to_face))
-            } else {
-                let sine_part = cos_t.copysign(to_facet) * inverse - eta * to_facet / square;
-                (d * eta + m * sine_part, d)
-            };
-            let shape = to_facet / to_face;
-            let leaves = dot(out, n) * to_face.signum();
-            let leaves = if step.reflects { -leaves } else { leaves };
-            let is_possible = shape > 0.0 && leaves > LEAST_COS;
-            let out = select(is_possible, out, straight);
-            let shape = if is_possible { shape } else { 0.0 };
-            for q in 0..2 {
-                let (a, b) = if q == 0 {
-                    (before * cos, behind * cos_t)
-                } else {
-                    (behind * cos, before * cos_t)
-                };
-                let sum = 1.0 / (a + b);
-                let amplitude = (a - b) * sum;
-                let share =
-                    if step.reflects { amplitude * amplitude } else { 4.0 * a * b * sum * sum };
-                let share = if step.is_coated { 1.0 } else { share };
-                self.power[q][l] *= share * shape;
+            for (q, share) in shares.into_iter().enumerate() {
+                self.power[q][l] *= share;
             }
             for (k, (p, d)) in [(p.x, out.x), (p.y, out.y), (p.z, out.z)].into_iter().enumerate() {
                 self.point[k][l] = p;
@@ -252,14 +309,74 @@ impl Travellers {
     }
 }
 
-/// Maps a point of the unit square to the slopes of a facet of roughness 1: with the square of the distance r from the centre of
-/// the unit disc as uniform number, tan^2 = -ln(1 - r^2).
+impl RoughPane {
+    /// Returns the way of a ray from one sphere of a bent pane to the next, m.
+    #[inline(always)]
+    fn way_m(&self, step: &Step, p: Vec3, d: Vec3) -> f32 {
+        let kappa = self.curvature_per_m;
+        let linear = kappa * dot(p, d) + dot(d, self.axes[2]);
+        let root = max(linear * linear - kappa * step.constant_m, 0.0).sqrt();
+        -step.constant_m / (linear + root.copysign(linear))
+    }
+
+    /// Returns two tangents and the normal of a face of a bent pane at `p`.
+    #[inline(always)]
+    fn frame(&self, step: &Step, p: Vec3) -> [Vec3; 3] {
+        let [across, _, n] = self.axes;
+        let n = (n + p * self.curvature_per_m) * step.inverse_ratio;
+        let across = across - n * dot(across, n);
+        let across = across * (1.0 / dot(across, across).sqrt());
+        [across, cross(n, across), n]
+    }
+}
+
+/// Reflects or refracts a ray with unit direction `d`, in coordinates with the face's normal as z, at a facet with the normal (x, y, 1)
+/// and the inverse of its length. Returns the new direction, and the factors of the weights for s and p.
 #[inline(always)]
-fn slopes(u: f32, v: f32) -> (f32, f32) {
-    let (x, y) = concentric_disc(u, v);
-    let square = min(x * x + y * y, MOST_OF_DISC);
-    let scale = (neg_ln(1.0 - square) / max(square, 1.0e-30)).sqrt();
-    (x * scale, y * scale)
+fn scatter<const REFLECTS: bool>(
+    step: &Step,
+    d: Vec3,
+    [x, y, inverse]: [f32; 3],
+) -> (Vec3, [f32; 2]) {
+    let [before, behind] = step.ior;
+    let eta = before / behind;
+    let to_facet = d.x * x + d.y * y + d.z;
+    let cos = to_facet.abs() * inverse;
+    // n_1 sin_1 = n_2 sin_2; beyond total reflection, nothing is transmitted.
+    let cos_t = max(1.0 - eta * eta * (1.0 - cos * cos), 0.0).sqrt();
+    let along_facet = to_facet * inverse * inverse;
+    let (out, straight) = if REFLECTS {
+        let turn = -2.0 * along_facet;
+        (Vec3::new(d.x + turn * x, d.y + turn * y, d.z + turn), Vec3::new(d.x, d.y, -d.z))
+    } else {
+        let turn = cos_t.copysign(to_facet) * inverse - eta * along_facet;
+        (Vec3::new(eta * d.x + turn * x, eta * d.y + turn * y, eta * d.z + turn), d)
+    };
+    // The facet faces the light, and the light leaves on the right side of the face.
+    let shape = to_facet / d.z;
+    let leaves = out.z * straight.z.signum();
+    let is_possible = shape > 0.0 && leaves > LEAST_COS;
+    let shape = if is_possible { shape } else { 0.0 };
+    // Amplitudes are differences over sums, for s and for p.
+    let (s_1, s_2) = (before * cos, behind * cos_t);
+    let (p_1, p_2) = (behind * cos, before * cos_t);
+    let both = 1.0 / ((s_1 + s_2) * (p_1 + p_2));
+    let share = |a: f32, b: f32, inverse: f32| {
+        let share = if REFLECTS {
+            let amplitude = (a - b) * inverse;
+            amplitude * amplitude
+        } else {
+            4.0 * a * b * inverse * inverse
+        };
+        if step.is_coated { shape } else { share * shape }
+    };
+    let shares = [share(s_1, s_2, both * (p_1 + p_2)), share(p_1, p_2, both * (s_1 + s_2))];
+    let out = Vec3::new(
+        if is_possible { out.x } else { straight.x },
+        if is_possible { out.y } else { straight.y },
+        if is_possible { out.z } else { straight.z },
+    );
+    (out, shares)
 }
 
 #[inline(always)]
@@ -267,13 +384,16 @@ fn lane(v: &[Lane; 3], l: usize) -> Vec3 {
     Vec3::new(v[0][l], v[1][l], v[2][l])
 }
 
+/// Returns a vector's coordinates in a frame of three unit vectors at right angles.
 #[inline(always)]
-fn select(first: bool, a: Vec3, b: Vec3) -> Vec3 {
-    Vec3::new(
-        if first { a.x } else { b.x },
-        if first { a.y } else { b.y },
-        if first { a.z } else { b.z },
-    )
+fn to_frame([x, y, z]: [Vec3; 3], v: Vec3) -> Vec3 {
+    Vec3::new(dot(v, x), dot(v, y), dot(v, z))
+}
+
+/// Returns the vector with these coordinates in a frame.
+#[inline(always)]
+fn from_frame([x, y, z]: [Vec3; 3], v: Vec3) -> Vec3 {
+    x * v.x + y * v.y + z * v.z
 }
 
 /// The dot product with a fixed order of its sums.

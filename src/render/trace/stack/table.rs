@@ -271,8 +271,7 @@ fn keep(
     (kept, dropped)
 }
 
-/// Returns the largest of the weights.
-pub(super) fn largest(weights: &[[f64; 3]]) -> f64 {
+fn largest(weights: &[[f64; 3]]) -> f64 {
     weights.as_flattened().iter().copied().fold(f64::NEG_INFINITY, f64::max)
 }
 

@@ -1,0 +1,249 @@
+//! Panes with rough faces: rays that are followed explicitly from facet to facet, widths of lobes, energy, and the smooth limit.
+
+use crate::case::{CLEAN, Case, GLASS, I, Photo, T, noise};
+use crate::optics::{Exit, face, mirrored};
+use crate::reference::concentric;
+use glam::DVec3;
+use render::trace::{Coating, Meeting, PixelSeed, Stack, StackLayer, sample};
+
+/// A pane of a case, whose faces are planes or concentric spheres.
+pub(crate) struct RoughReference {
+    normal: DVec3,
+    pivot: DVec3,
+    curvature_per_m: f64,
+    layers: Vec<StackLayer>,
+    coatings: Vec<Option<Coating>>,
+    alphas: Vec<f64>,
+}
+
+impl RoughReference {
+    /// Returns the pane of a case with rough faces.
+    pub(crate) fn new(case: &Case) -> Option<Self> {
+        let alphas = case.roughness.clone()?;
+        let stack = case.layers();
+        Some(Self {
+            normal: case.pane().0,
+            pivot: case.distance_m * DVec3::Z,
+            curvature_per_m: case.bow_radius_m.map_or(0.0, |radius_m| 1.0 / radius_m),
+            layers: stack.layers().to_vec(),
+            coatings: stack.coatings().to_vec(),
+            alphas,
+        })
+    }
+
+    /// Returns the distance of a face from face 0, m.
+    fn depth_m(&self, number: usize) -> f64 {
+        self.layers[..number].iter().map(|layer| layer.thickness_m).sum()
+    }
+
+    /// Moves a ray to a face. Returns the length of the way.
+    fn reach(&self, number: usize, point: DVec3, d: DVec3) -> f64 {
+        let depth_m = self.depth_m(number);
+        if self.curvature_per_m == 0.0 {
+            return (depth_m - (point - self.pivot).dot(self.normal)) / d.dot(self.normal);
+        }
+        let radius_m = 1.0 / self.curvature_per_m;
+        let from = point - (self.pivot - radius_m * self.normal);
+        let (along, reach_m) = (from.dot(d), radius_m + depth_m);
+        let root = (along * along - (from.length_squared() - reach_m * reach_m)).sqrt();
+        // Of the two points of the sphere, the one near the pivot.
+        let ways = [-along - root, -along + root];
+        let near = |way: f64| (point + way * d).distance(self.pivot);
+        if near(ways[0]) < near(ways[1]) { ways[0] } else { ways[1] }
+    }
+
+    /// Returns two tangents and the unit normal of the faces at a point.
+    fn frame(&self, point: DVec3) -> [DVec3; 3] {
+        let n = (self.normal + self.curvature_per_m * (point - self.pivot)).normalize();
+        let of_pane = (DVec3::X - self.normal.x * self.normal).normalize();
+        let across = (of_pane - of_pane.dot(n) * n).normalize();
+        [across, n.cross(across), n]
+    }
+
+    /// Follows sample `index` of a pixel along a path.
+    pub(crate) fn follow(
+        &self,
+        meetings: &[Meeting],
+        (seed, index): (&PixelSeed, u32),
+        origin: DVec3,
+        d: DVec3,
+    ) -> Exit {
+        let (mut point, mut d, mut share) = (origin, d.normalize(), [[1.0; 3]; 2]);
+        let mut before: Option<usize> = None;
+        let ior = |layer: Option<usize>| {
+            layer.and_then(|layer| self.layers.get(layer)).map_or(1.0, |layer| layer.ior)
+        };
+        for (k, &Meeting { face: number, inward, reflects }) in meetings.iter().enumerate() {
+            let way_m = self.reach(number, point, d);
+            point += way_m * d;
+            if let Some(before) = before {
+                let absorption = self.layers[before.min(number)].absorption_per_m;
+                for share in &mut share {
+                    (0..3).for_each(|c| share[c] *= (-absorption[c] * way_m).exp());
+                }
+            }
+            before = Some(number);
+            let [across, down, n] = self.frame(point);
+            let [u, v, ..] = sample(&seed.of_meeting(k as u32), index);
+            let (x, y) = concentric(f64::from(u), f64::from(v));
+            let square = (x * x + y * y).min(1.0 - 2f64.powi(-24));
+            let scale = if square > 0.0 {
+                self.alphas[number] * (-(1.0 - square).ln() / square).sqrt()
+            } else {
+                0.0
+            };
+            // The face's and the facet's normals on the far side of the light.
+            let side = if inward { 1.0 } else { -1.0 };
+            let m = side * (n + scale * (x * across + y * down)).normalize();
+            let n = side * n;
+            let (near, far) = (ior(number.checked_sub(1)), ior(Some(number)));
+            let (from, to) = if inward { (near, far) } else { (far, near) };
+            let (refracted, r) = face(d, m, from, to);
+            // Total reflection has no refracted direction.
+            let r = if refracted.is_finite() { r } else { [1.0; 2] };
+            let (out, fresnel) = if reflects {
+                (mirrored(d, m), r.map(|r| [r; 3]))
+            } else {
+                (refracted, r.map(|r| [1.0 - r; 3]))
+            };
+            let shares = match &self.coatings[number] {
+                Some(coating) if reflects => [coating.reflectance; 2],
+                Some(coating) => [coating.transmittance; 2],
+                None => fresnel,
+            };
+            let leaves = out.dot(n) * if reflects { -1.0 } else { 1.0 };
+            // False for NaN, which total reflection gives.
+            let is_possible = d.dot(m) > 0.0 && leaves > 0.0;
+            let shape = if is_possible { d.dot(m) / (d.dot(n) * m.dot(n)) } else { 0.0 };
+            for (share, of_face) in share.iter_mut().zip(shares) {
+                let of = |c: usize| if is_possible { of_face[c] * shape } else { 0.0 };
+                (0..3).for_each(|c| share[c] *= of(c));
+            }
+            let straight = if reflects { mirrored(d, n) } else { d };
+            d = if is_possible { out } else { straight };
+        }
+        Exit { point, direction: d, share }
+    }
+}
+
+fn bumpy(key: u64, is_white: bool) -> Photo {
+    let colour = move |i: usize, j: usize| {
+        [0, 1, 2].map(|c| if is_white { 1.0 } else { noise(i, j, key + c) })
+    };
+    let depth = move |i: usize, j: usize| 1.0 + 2.0 * noise(i, j, key);
+    Photo::new([12, 12], [20, 20], [0.3; 2], depth, colour)
+}
+
+/// Between white photographs, a pane with rough faces is white: the weights of all paths are 1 in the mean, without multiple
+/// scattering within a face.
+#[test]
+fn rough_panes_lose_no_light() {
+    let mut case = Case::new(bumpy(1, true), bumpy(2, true));
+    (case.film, case.spp, case.tolerance) = ([6, 4], 4096, 1e-7);
+    for (alpha, tilt_deg, bow_radius_m) in [
+        (0.01, [0.0, 0.0], None),
+        (0.1, [0.0, 0.0], None),
+        (0.05, [25.0, -20.0], None),
+        (0.05, [10.0, 10.0], Some(3.0)),
+    ] {
+        (case.roughness, case.tilt_deg) = (Some(vec![alpha; 2]), tilt_deg);
+        case.bow_radius_m = bow_radius_m;
+        let pixels = case.render();
+        let mut mean = 0.0;
+        for pixel in &pixels {
+            assert_eq!((pixel.mean[T], pixel.mean[CLEAN]), ([1.0; 3], [1.0; 3]));
+            mean += f64::from(pixel.mean[I][0]) / pixels.len() as f64;
+        }
+        println!("alpha {alpha}, tilt {tilt_deg:?}, radius {bow_radius_m:?}: I is {mean:.6}");
+        assert!((mean - 1.0).abs() < 2e-4, "{mean}");
+    }
+}
+
+/// A far plane with radiance a + b x + c x^2 measures the variance of the directions of light: that of a smooth pane is a constant less.
+///
+/// A facet with slope s turns light through a face by (n - 1) s outside of the glass, and reflected light by 2 s before, and by
+/// 2 n s within the glass. Each slope has the variance alpha^2 / 2.
+#[test]
+fn lobes_have_the_width_of_their_closed_form() {
+    const DEPTH_M: f64 = 1e4;
+    // The square of the tangent, on a photograph of 0.8 to each side.
+    let tangent = |i: usize| ((i as f64 + 0.5) / 256.0 - 1.0) * 0.8;
+    let square = |_: usize, _: usize| DEPTH_M;
+    let photo = Photo::new([512, 4], [512, 4], [0.8; 2], square, |i, _| [tangent(i).powi(2); 3]);
+    let mut case = Case::new(photo.clone(), photo);
+    (case.film, case.spp, case.tolerance) = ([4, 4], 16_384, 1e-6);
+    (case.aperture_m, case.focal_length_mm) = (0.0, 500.0);
+    let alpha: f64 = 0.02;
+    let variance = alpha * alpha / 2.0;
+    let n: f64 = case.ior;
+    let r = ((n - 1.0) / (n + 1.0)).powi(2);
+    let through = 2.0 * (n - 1.0).powi(2) * variance;
+    let mean = |case: &Case, layer: usize| {
+        let pixels = case.render();
+        pixels.iter().map(|p| f64::from(p.mean[layer][0])).sum::<f64>() / pixels.len() as f64
+    };
+    let smooth = [mean(&case, I) - mean(&case, GLASS), mean(&case, GLASS)];
+    case.roughness = Some(vec![alpha; 2]);
+    let rough = [mean(&case, I) - mean(&case, GLASS), mean(&case, GLASS)];
+    let weight_of = |k: i32| (1.0 - r).powi(2) * r.powi(k);
+    // t_k has 2 k reflections in the glass, and r_k has 2 k - 1.
+    let inside = 4.0 * n * n * variance;
+    let of_front: f64 =
+        (0..4).map(|k| weight_of(2 * k) * (through + f64::from(2 * k) * inside)).sum();
+    let of_back: f64 = r * 4.0 * variance
+        + (1..4)
+            .map(|k| weight_of(2 * k - 1) * (through + f64::from(2 * k - 1) * inside))
+            .sum::<f64>();
+    for (side, expected) in [of_front, of_back].into_iter().enumerate() {
+        let found = rough[side] - smooth[side];
+        println!("side {side}: {found:.4e}, closed form {expected:.4e}");
+        assert!((found / expected - 1.0).abs() < 0.01, "{found:e} {expected:e}");
+    }
+}
+
+/// A tiny roughness is a smooth pane. T and R are those of the smooth pane for every roughness.
+#[test]
+fn the_smooth_limit_is_the_smooth_pane() {
+    let mut case = Case::new(bumpy(3, false), bumpy(4, false));
+    (case.film, case.tilt_deg, case.absorption_per_m) = ([11, 8], [4.0, 15.0], [6.0, 2.0, 4.0]);
+    let smooth = case.render();
+    for (alpha, limit) in [(0.0, 1.0 / 128.0), (1e-7, 1.0 / 128.0), (0.05, f32::INFINITY)] {
+        case.roughness = Some(vec![alpha; 2]);
+        let mut worst = 0f32;
+        for (pixel, expected) in case.render().iter().zip(&smooth) {
+            assert_eq!(pixel.mean[T], expected.mean[T]);
+            assert_eq!(pixel.mean[CLEAN], expected.mean[CLEAN]);
+            for c in 0..3 {
+                worst = worst.max((pixel.mean[I][c] - expected.mean[I][c]).abs());
+            }
+        }
+        println!("alpha {alpha}: I within {worst:.1e} of the smooth pane");
+        // A ray may fall on the other side of an edge.
+        assert!(worst <= limit, "{worst}");
+        assert!(alpha < 1e-3 || worst > 1e-3, "roughness has an effect");
+    }
+}
+
+/// Light that the selected paths do not have is stated: with it, the weights add up to 1, even where facets turn light to total
+/// reflection.
+#[test]
+fn dropped_paths_are_stated() {
+    let mut case = Case::new(bumpy(1, true), bumpy(2, true));
+    (case.film, case.spp) = ([6, 4], 4096);
+    for (alpha, yaw_deg, tolerance) in
+        [(0.02, 0.0, 7.6e-5), (0.02, 0.0, 0.02), (0.1, 40.0, 7.6e-5), (0.1, 60.0, 7.6e-5)]
+    {
+        (case.roughness, case.tilt_deg) = (Some(vec![alpha; 2]), [0.0, yaw_deg]);
+        case.tolerance = tolerance;
+        let scene = case.scene();
+        let dropped = scene.orders.front_tail + scene.orders.back_tail;
+        let pixels = case.render();
+        let sum: f64 = pixels.iter().map(|pixel| f64::from(pixel.mean[I][0])).sum();
+        let missing = 1.0 - sum / pixels.len() as f64;
+        println!(
+            "alpha {alpha}, yaw {yaw_deg}: {missing:.1e} of the light is missing, stated {dropped:.1e}"
+        );
+        assert!(missing < dropped + 3e-4, "{missing}");
+        assert!(dropped < 3.0 * missing.max(0.0) + 4.0 * tolerance, "{dropped}");
+    }
+}
