@@ -7,6 +7,7 @@ use exr::meta::MetaData;
 use exr::prelude::{AttributeValue, SampleType, Text, Vec2};
 use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
 use render::formats::{ExrChannels, decode_exr_channels};
+use render::label::Label;
 use render::layer::Layer;
 use serde_json::json;
 use std::io::Cursor;
@@ -172,6 +173,15 @@ pub(super) fn say_layers(found: &mut Inspection, channels: &ExrChannels) -> u64 
         let mut values = of.flat_map(|(_, values)| values).peekable();
         if values.peek().is_some() {
             not_finite += say_values(found, layer, values);
+        }
+    }
+    for label in Label::ALL {
+        let of = channels.list.iter().filter(|(name, _)| is_of(name, label.name()));
+        let mut values = of.flat_map(|(_, values)| values).peekable();
+        if values.peek().is_some() {
+            let infinite = say_values(found, label.name(), values);
+            // A depth without a surface is infinite.
+            not_finite += if label == Label::FrontDepth { 0 } else { infinite };
         }
     }
     not_finite

@@ -9,7 +9,9 @@ use super::record::{tell, typed};
 use crate::text::many;
 use render::formats::decode_exr_channels;
 use render::line::SceneLine;
-use render::merge::{TUPLE_SCHEMA_1, TupleRecord, decode_tuple_exr, tuple_files};
+use render::merge::{
+    TUPLE_SCHEMA_1, TupleRecord, decode_tuple_exr, decode_tuple_labels, tuple_files,
+};
 use render::trace::TRACER_VERSION;
 use serde_json::json;
 
@@ -31,6 +33,7 @@ impl Digested for TupleRecord {
         if name == "tuple.exr" {
             exr::head(bytes)?;
             decode_tuple_exr(bytes, self)?;
+            decode_tuple_labels(bytes, self)?;
         }
         self.check_file(name, bytes)
     }

@@ -11,6 +11,7 @@
 mod bounds;
 mod build;
 mod camera;
+mod cover;
 mod daylight;
 mod diode;
 mod fittings;
@@ -40,6 +41,7 @@ mod tone;
 mod tree;
 
 pub use camera::{intrinsics, places_intrinsics};
+pub use cover::{CoverKind, CoverPicture, cover, cover_png};
 pub use diode::{SampleError, SampleFiles, encode, is_written, write};
 pub use listing::{Place, SamplePhotograph, listing};
 pub use places::{PLACES_COLOR, PLACES_DEPTH, PlacesPhotograph, places_listing, write_places};

@@ -3,6 +3,7 @@
 //! Pixels do not depend on their tile, and paths, misses and samples are whole numbers. Bands therefore join, in any
 //! order, to the same bits as a shard traced in one piece.
 
+use crate::label::LabelImages;
 use crate::layer::{Layer, PerLayer};
 use crate::trace::{CELL_PX, PixelMeans, Tile, TileResult};
 use std::sync::Mutex;
@@ -53,9 +54,18 @@ impl BandedShard {
             sample_sums: result.sample_sums.map(|_| PerLayer::default()),
             paths: PerLayer::default(),
             misses: PerLayer::default(),
+            labels: LabelImages::new(),
         });
         let start = index as usize * BAND_ROWS as usize * tile.width as usize;
         whole.pixels[start..start + result.pixels.len()].copy_from_slice(&result.pixels);
+        for (label, values) in result.labels {
+            let channels = label.channels().len();
+            let image = whole
+                .labels
+                .entry(label)
+                .or_insert_with(|| vec![0.0; channels * whole.pixels.len()]);
+            image[channels * start..channels * start + values.len()].copy_from_slice(&values);
+        }
         for layer in Layer::ALL {
             // Adaptive scenes record the maximum. In other scenes, all bands agree.
             whole.samples[layer] = whole.samples[layer].max(result.samples[layer]);

@@ -1,6 +1,7 @@
 //! Traces a loaded scene shard by shard.
 
 use crate::bands::{BandedShard, bands};
+use crate::label::Label;
 use crate::layer::Layer;
 use crate::line::SceneLine;
 use crate::partial::{Maker, PARTIAL_SCHEMA, Partial, PartialHeader};
@@ -60,13 +61,14 @@ impl<'a> SceneJob<'a> {
 
     /// Makes the partial of a traced shard, with header and digest.
     pub fn partial(&self, shard: &Shard, result: TileResult) -> Partial {
-        Partial::new(self.header(shard, &result), result.pixels)
+        Partial::new(self.header(shard, &result), result.pixels, result.labels)
     }
 
     /// Makes the partial of a shard that `maker` has traced, with an empty digest, for partials that stay in memory.
     pub fn partial_in_memory(&self, shard: &Shard, result: TileResult, maker: &Maker) -> Partial {
         let header = self.header(shard, &result);
-        Partial { header, pixels: result.pixels, maker: Some(maker.clone()) }
+        let (pixels, labels) = (result.pixels, result.labels);
+        Partial { header, pixels, labels, maker: Some(maker.clone()) }
     }
 
     fn header(&self, shard: &Shard, result: &TileResult) -> PartialHeader {
@@ -100,6 +102,17 @@ impl<'a> SceneJob<'a> {
             && header.inputs == self.loaded.inputs
             && header.facts == self.loaded.facts
             && self.has_samples(shard, header)
+            && self.has_labels(shard, partial)
+    }
+
+    /// True if a partial has the labels that the line requests.
+    fn has_labels(&self, shard: &Shard, partial: &Partial) -> bool {
+        let requested = self.line.film.layers.labels();
+        Label::ALL.into_iter().all(|label| {
+            let is_in_range = label != Label::FrontDepth || shard.samples.start == 0;
+            let is_due = requested.contains(label) && !label.is_derived() && is_in_range;
+            partial.labels.contains_key(&label) == is_due
+        })
     }
 
     /// True if a partial has the numbers of samples that the tracer takes. The other two layers and adaptive scenes have

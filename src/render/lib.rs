@@ -17,6 +17,7 @@ pub mod hash;
 pub mod ids;
 pub mod input_file;
 pub mod job;
+pub mod label;
 pub mod layer;
 pub mod line;
 mod loaded;

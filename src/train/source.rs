@@ -7,8 +7,9 @@ use compose::{Layer, LinearTuple, Pair, TupleLayers, read_picture};
 use image::{Rgb32FImage, imageops};
 use plan::{InputFiles, PixelSource};
 use render::ids::SceneId;
+use render::label::Label;
 use render::line::{Roots, SceneLine};
-use render::merge::{TupleRecord, decode_tuple_exr, is_readable_record_of};
+use render::merge::{TupleRecord, decode_tuple_exr, decode_tuple_labels, is_readable_record_of};
 use render::scene::{Decoded, decode, read_files_by};
 use render::trace::Texture;
 use std::path::PathBuf;
@@ -128,8 +129,10 @@ impl TupleSource {
                     .to_owned(),
             });
         };
+        let labels = decode_tuple_labels(&bytes, &record).map_err(|e| damaged(&key, &e))?;
+        let coverage = labels.get(&Label::Coverage).map(|values| Layer::of_values(values));
         let layers =
-            TupleLayers { input, transmission, glass_reflection, clean_reflection, coverage: None };
+            TupleLayers { input, transmission, glass_reflection, clean_reflection, coverage };
         let tuple = LinearTuple::new(line.film.height as usize, line.film.width as usize, layers);
         let tuple = tuple.ok_or_else(|| damaged(&key, &"its size differs from the film's"))?;
         Ok(Some(Base::Linear(tuple)))

@@ -19,12 +19,13 @@ fn damaged_partials_are_traced_again() {
     let mut of_other_inputs = good[13].header.clone();
     let digest = of_other_inputs.inputs.0.get_mut("front.depth").unwrap();
     *digest = "0".repeat(64);
-    let of_other_inputs = Partial::new(of_other_inputs, good[13].pixels.clone());
+    let of_other_inputs =
+        Partial::new(of_other_inputs, good[13].pixels.clone(), Default::default());
     // Partials with a right digest that no tracer writes.
     let forged = |shard: usize, forge: &dyn Fn(&mut Partial)| {
         let mut partial = good[shard].clone();
         forge(&mut partial);
-        (shard, encode(&Partial::new(partial.header, partial.pixels)).unwrap())
+        (shard, encode(&Partial::new(partial.header, partial.pixels, partial.labels)).unwrap())
     };
     let flipped = |shard: usize, at: usize| {
         let mut bytes = bytes[shard].clone();

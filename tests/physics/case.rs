@@ -2,6 +2,7 @@
 
 use crate::cover::Covered;
 use glam::{DMat3, DVec3};
+use render::label::LabelSet;
 use render::layer::PerLayer;
 use render::trace::{
     Bow, FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, RoughPane, Sampling,
@@ -103,6 +104,7 @@ pub(crate) struct Case {
     pub(crate) tilt_deg: [f64; 2],
     pub(crate) apex: Apex,
     pub(crate) tolerance: f64,
+    pub(crate) labels: LabelSet,
     pub(crate) front: Photo,
     pub(crate) back: Photo,
 }
@@ -128,6 +130,7 @@ impl Case {
             tilt_deg: [0.0; 2],
             apex: Apex::Mirror,
             tolerance: 7.6e-5,
+            labels: LabelSet::default(),
             front,
             back,
         }
@@ -246,6 +249,7 @@ impl Case {
             first_reflection_alone: false,
             target_error: None,
             layers: PerLayer([true; 4]),
+            labels: self.labels,
             seed: self.seed,
             sampling: Sampling::Sobol,
             spp: self.spp,

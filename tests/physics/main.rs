@@ -15,6 +15,7 @@ mod furnace;
 mod golden;
 mod hard_cases;
 mod invariance;
+mod labels;
 mod mesh;
 mod optics;
 mod pixels;

@@ -146,9 +146,17 @@ impl<'a> Sheet<'a> {
 
     /// Returns the radiance along a line, and the position of its hit in lengths of `d`.
     fn seen(&self, origin: DVec3, d: DVec3) -> ([f64; 3], f64) {
-        let hit = self.first_hit(origin, d);
-        let hit = hit.expect("the border continues, so every line meets the sheet");
-        (self.radiance(hit), (hit - origin).dot(d) / d.length_squared())
+        match self.first_hit(origin, d) {
+            Some(hit) => (self.radiance(hit), (hit - origin).dot(d) / d.length_squared()),
+            // Rough faces scatter a little light along the film; it meets the border's continuation far away.
+            None => {
+                assert!(
+                    d.z < 0.02 * d.length(),
+                    "the border continues, so every steep line meets the sheet"
+                );
+                (self.radiance(DVec3::new(d.x, d.y, d.z.max(1e-4))), f64::INFINITY)
+            }
+        }
     }
 
     /// Returns the coordinate of a point on axis `k` of the photograph; texel centres are at integers.
@@ -224,7 +232,7 @@ impl<'a> Reference<'a> {
     }
 
     /// Returns the direction of a film point (px), with z = 1.
-    fn pinhole(&self, u: f64, v: f64) -> DVec3 {
+    pub(crate) fn pinhole(&self, u: f64, v: f64) -> DVec3 {
         let [w, h] = self.case.film.map(f64::from);
         let diagonal = 36.0f64.hypot(24.0) / (2.0 * self.case.focal_length_mm);
         DVec3::new(
@@ -235,7 +243,7 @@ impl<'a> Reference<'a> {
     }
 
     /// Returns a sample's pinhole direction, and the origin and direction of its lens ray.
-    fn camera(&self, x: u32, y: u32, point: [f32; 4]) -> (DVec3, DVec3, DVec3) {
+    pub(crate) fn camera(&self, x: u32, y: u32, point: [f32; 4]) -> (DVec3, DVec3, DVec3) {
         let offset = |u: f32| match &self.scene.film.filter {
             Some(table) => f64::from(table.offset_px(u)),
             None => f64::from(u) - 0.5,
@@ -266,7 +274,9 @@ impl<'a> Reference<'a> {
         match (covered.place(self.case, origin, d), order) {
             (Place::Glass, _) => match (&self.rough, rough) {
                 (Some(pane), Some((meetings, of))) => {
-                    self.after(order, pane.follow(meetings, of, origin, d))
+                    let exit = pane.follow(meetings, of, origin, d);
+                    let is_dark = exit.share == [[0.0; 3]; 2];
+                    if is_dark { ([0.0; 3], [0.0; 3]) } else { self.after(order, exit) }
                 }
                 _ => self.behind_glass(order, origin, d),
             },
@@ -342,6 +352,25 @@ impl<'a> Reference<'a> {
             self.seen_in_back(start, d - 2.0 * cos_i * n)
         };
         (radiance, weight)
+    }
+
+    /// Returns the z coordinate of the first surface of the front along an order of a ray, without outline and cards.
+    pub(crate) fn front_depth_m(&self, order: Order, origin: DVec3, d: DVec3) -> f64 {
+        let (start, d) = match (&self.case.stack, self.bent()) {
+            (Some(stack), _) => {
+                let (n, cos_i) = (self.pane.normal, d.dot(self.pane.normal));
+                (origin + stack.kappa_m(&stack.straight(), cos_i) * n, d)
+            }
+            (None, Some(bent)) => {
+                let exit = bent.follow(origin, d, order);
+                (exit.point, exit.direction)
+            }
+            (None, None) => {
+                let exit = self.pane.exit(origin, d, order);
+                (exit.point, exit.direction)
+            }
+        };
+        self.front.first_hit(start, d).map_or(f64::INFINITY, |hit| hit.z)
     }
 
     fn seen_in_front(&self, origin: DVec3, d: DVec3) -> [f64; 3] {

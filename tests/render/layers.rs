@@ -6,7 +6,10 @@ use crate::support::program::{command, run, text, wait_until};
 use crate::support::scenes::{Place, RECIPE, SCENES, SHARDS, place, put_partials, reference};
 use glasshouse::run::Run;
 use render::job::{SceneJob, render_partials};
+use render::label::Label;
+use render::layer::Layer;
 use render::line::Roots;
+use render::merge::{decode_tuple_exr, decode_tuple_labels};
 use render::scene::{load, read_files};
 use render::trace::Isa;
 use std::collections::BTreeMap;
@@ -173,4 +176,54 @@ fn adaptive_partials_are_resumed() {
     assert_eq!(done["shards_resumed"], some.len());
     assert_eq!(done["shards_traced"], SCENES * SHARDS - some.len());
     assert_same(&tuples(&place.run), adaptive_reference());
+}
+
+/// Labels stand in `tuple.exr` and `tuple.json`, whatever the tiles and the ranges of samples, and change no layer.
+#[test]
+fn labels_are_merged_from_tiles_and_ranges() {
+    let names = "[\"input\", \"transmission\", \"glass_reflection\", \"clean_reflection\", \"coverage\", \
+                 \"front_depth\", \"ghosts\", \"reflected_share\"]";
+    let labelled = |tile: &str| {
+        let place = place_with(&format!("layers = {names}"));
+        let recipe = std::fs::read_to_string(&place.recipe).unwrap();
+        std::fs::write(&place.recipe, recipe.replace("spp = 256", "spp = 1024")).unwrap();
+        let (recipe, out) = (text(&place.recipe), text(&place.run));
+        run(&["run", recipe, "--out", out, "--tile", tile]).expect(0);
+        (tuples(&place.run), place)
+    };
+    let ((small, place), (large, _)) = (labelled("16"), labelled("64"));
+    assert_same(&small, &large);
+    let exr = |found: &Tuples| {
+        let path = std::path::Path::new("train-sample-000000/tuple.exr");
+        pixels(&found[path]).clone()
+    };
+    let channels = exr(&small);
+    assert_eq!(channels["front_depth.Z"].0, "float");
+    assert_eq!(channels["coverage.Y"].0, "half");
+    let folder = place.run.join("tuples/train-sample-000000");
+    let of_record =
+        serde_json::from_value(tuple_record(&place.run, "train-sample-000000")).unwrap();
+    let bytes = std::fs::read(folder.join("tuple.exr")).unwrap();
+    let labels = decode_tuple_labels(&bytes, &of_record).unwrap();
+    let layers = decode_tuple_exr(&bytes, &of_record).unwrap();
+    assert!(labels[&Label::FrontDepth].iter().all(|z| *z > 0.3 && z.is_finite()));
+    assert!(labels[&Label::Coverage].iter().all(|v| *v == 1.0));
+    let (ghosts, reflection) =
+        (&labels[&Label::Ghosts], layers[Layer::GlassReflection].as_flattened());
+    assert!(ghosts.iter().zip(reflection).all(|(a, b)| *a >= 0.0 && a <= b));
+    assert!(ghosts.iter().any(|v| *v > 0.0));
+    let share = &labels[&Label::ReflectedShare];
+    assert!(share.iter().all(|v| (0.0..=1.0).contains(v)) && share.iter().any(|v| *v > 0.01));
+    let record = tuple_record(&place.run, "train-sample-000000");
+    let labels: Vec<&String> = record["labels"].as_object().unwrap().keys().collect();
+    assert_eq!(labels, ["coverage", "front_depth", "ghosts", "reflected_share"]);
+    assert_eq!(record["labels"]["coverage"]["mean"], 1.0);
+    // Without labels, the layers have the same bits.
+    let bare = place_with("");
+    let recipe = std::fs::read_to_string(&bare.recipe).unwrap();
+    std::fs::write(&bare.recipe, recipe.replace("spp = 256", "spp = 1024")).unwrap();
+    run(&bare.arguments("run", &[])).expect(0);
+    for (name, bits) in exr(&tuples(&bare.run)) {
+        assert!(bits == channels[&name], "{name}");
+    }
 }

@@ -120,7 +120,7 @@ fn agrees(name: &str) {
                 facts: loaded.facts.clone(),
                 blake3: String::new(),
             };
-            Partial::new(header, result.pixels)
+            Partial::new(header, result.pixels, result.labels)
         })
         .collect();
     let tuple = combine(&line, 256, &partials).unwrap();

@@ -18,12 +18,18 @@ pub enum Layer {
 impl Layer {
     /// Splits pixels into planes. Stores halves if these have all bits of the values.
     pub fn of_pixels(pixels: &[[f32; 3]]) -> Self {
-        let values = || (0..3).flat_map(|channel| pixels.iter().map(move |pixel| pixel[channel]));
-        let halves: Vec<f16> = values().map(f16::from_f32).collect();
-        if values().zip(&halves).all(|(value, half)| widened(*half).to_bits() == value.to_bits()) {
+        let channel = |channel: usize| pixels.iter().map(move |pixel| pixel[channel]);
+        Self::of_values(&(0..3).flat_map(channel).collect::<Vec<f32>>())
+    }
+
+    /// Makes a layer of planes. Stores halves if these have all bits of the values.
+    pub fn of_values(values: &[f32]) -> Self {
+        let halves: Vec<f16> = values.iter().map(|value| f16::from_f32(*value)).collect();
+        let is_equal = |(value, half): (&f32, &f16)| widened(*half).to_bits() == value.to_bits();
+        if values.iter().zip(&halves).all(is_equal) {
             return Self::Halves(halves);
         }
-        Self::Floats(values().collect())
+        Self::Floats(values.to_vec())
     }
 
     pub fn len(&self) -> usize {

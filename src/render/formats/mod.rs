@@ -5,6 +5,7 @@
 
 pub(crate) mod color_space;
 pub(crate) mod error;
+pub(crate) mod exr_labels;
 pub(crate) mod exr_raster;
 pub(crate) mod exr_read;
 pub(crate) mod exr_write;

@@ -2,8 +2,9 @@
 
 use super::moves::{Moves, SMOOTH, SMOOTH_OF_STOPPED};
 use super::noise::NoiseMap;
-use super::tuple::{LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, layer_digest};
+use super::tuple::{LabelRecord, LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, layer_digest};
 use super::write::{halved, is_half};
+use crate::label::{Label, LabelImages, reflected_share};
 use crate::layer::{Layer, PerLayer};
 use crate::line::SceneLine;
 use crate::partial::Partial;
@@ -86,14 +87,15 @@ struct Combined {
     sample_sums: Option<PerLayer<u64>>,
     paths: PerLayer<u64>,
     misses: PerLayer<u64>,
+    labels: LabelImages,
 }
 
 impl Combined {
     /// Makes black images of the layers that the line requests.
     fn new(line: &SceneLine) -> Self {
         let asked = line.film.layers.asked();
-        let pixels = line.film.width as usize * line.film.height as usize;
-        let pixels = |layer| pixels * usize::from(asked[layer]);
+        let film_pixels = line.film.width as usize * line.film.height as usize;
+        let pixels = |layer| film_pixels * usize::from(asked[layer]);
         Self {
             layers: PerLayer::of(|layer| vec![[0.0; 3]; pixels(layer)]),
             moves: PerLayer::of(|layer| Moves::new(pixels(layer))),
@@ -101,6 +103,9 @@ impl Combined {
             sample_sums: line.film.target_error.map(|_| PerLayer::default()),
             paths: PerLayer::default(),
             misses: PerLayer::default(),
+            labels: traced_labels(line)
+                .map(|label| (label, vec![0.0; film_pixels * label.channels().len()]))
+                .collect(),
         }
     }
 
@@ -131,6 +136,9 @@ impl Combined {
                     self.moves[layer].add(y * width + x, half - mean, quarter - half);
                 }
             }
+        }
+        for (label, image) in &mut self.labels {
+            add_label(*label, image, line, of_tile)?;
         }
         for partial in of_tile {
             for layer in Layer::ALL {
@@ -172,6 +180,14 @@ impl Combined {
             }
             records.insert(layer.name().to_owned(), record);
         }
+        let mut labels = self.labels;
+        if line.film.layers.labels().contains(Label::ReflectedShare) {
+            let [input, _, glass_reflection, _] = &self.layers.0;
+            labels.insert(Label::ReflectedShare, reflected_share(input, glass_reflection));
+        }
+        let of_label = |(label, values): (&Label, &Vec<f32>)| {
+            (label.name().to_owned(), LabelRecord::new(*label, values, half))
+        };
         let record = TupleRecord {
             schema: TUPLE_SCHEMA.to_owned(),
             tracer_version: TRACER_VERSION,
@@ -179,12 +195,60 @@ impl Combined {
             files: BTreeMap::new(),
             base: "../..".to_owned(),
             layers: records,
+            labels: labels.iter().map(of_label).collect(),
             facts: first.header.facts.clone(),
             inputs: first.header.inputs.clone(),
             scene: line.clone(),
         };
-        Tuple { width, height, layers: self.layers, record, noise }
+        Tuple { width, height, layers: self.layers, labels, record, noise }
     }
+}
+
+/// Returns the requested labels that partials have.
+fn traced_labels(line: &SceneLine) -> impl Iterator<Item = Label> {
+    line.film.layers.labels().iter().filter(|label| !label.is_derived())
+}
+
+/// Adds a label of one tile to its image. `of_tile` are the tile's partials in the order of their sample ranges.
+fn add_label(
+    label: Label,
+    image: &mut [f32],
+    line: &SceneLine,
+    of_tile: &[&Partial],
+) -> Result<(), MergeError> {
+    let weight = |partial: &Partial| match label {
+        Label::Ghosts => partial.header.layer_samples[Layer::GlassReflection],
+        _ => partial.header.samples[1] - partial.header.samples[0],
+    };
+    // The depth needs no samples; the first range has it.
+    let counted = if label == Label::FrontDepth { &of_tile[..1] } else { of_tile };
+    let total: f64 = counted.iter().map(|partial| f64::from(weight(partial))).sum();
+    let mut parts = vec![];
+    for partial in counted {
+        let Some(values) = partial.labels.get(&label) else {
+            return Err(MergeError::Foreign {
+                scene: line.id.to_string(),
+                shard: partial.header.shard,
+                reason: "lacks a label of the scene line",
+            });
+        };
+        parts.push((values, f64::from(weight(partial)) / total));
+    }
+    let (tile, channels) = (of_tile[0].header.tile, label.channels().len());
+    let row = tile.width as usize * channels;
+    for y in 0..tile.height as usize {
+        let start = ((tile.y as usize + y) * line.film.width as usize + tile.x as usize) * channels;
+        for k in 0..row {
+            let at = y * row + k;
+            image[start + k] = match parts.as_slice() {
+                [(only, _)] => only[at],
+                parts => {
+                    parts.iter().map(|(v, share)| f64::from(v[at]) * share).sum::<f64>() as f32
+                }
+            };
+        }
+    }
+    Ok(())
 }
 
 /// Computes the means of all samples, of the first half and of the first quarter from one or more ranges.

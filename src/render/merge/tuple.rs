@@ -2,9 +2,12 @@
 
 use super::noise::NoiseMap;
 use super::write::tuple_images;
+use crate::formats::exr_labels::label_precision;
+use crate::label::{Label, LabelImages};
 use crate::layer::{Layer, PerLayer};
-use crate::line::SceneLine;
+use crate::line::{ExrPrecision, SceneLine};
 use crate::scene::{InputDigests, SceneFacts};
+use exr::prelude::f16;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -22,6 +25,8 @@ pub struct Tuple {
     pub height: u32,
     /// Pixels of each layer, row by row; empty for layers that the scene does not request.
     pub layers: PerLayer<Vec<[f32; 3]>>,
+    /// Labels that the scene requests.
+    pub labels: LabelImages,
     /// Content of `tuple.json`.
     pub record: TupleRecord,
     /// Noise map; not part of the tuple's files.
@@ -49,6 +54,9 @@ pub struct TupleRecord {
     pub base: String,
     /// Statistics of each requested layer by its name: `input`, `transmission`, `glass_reflection`, `clean_reflection`.
     pub layers: BTreeMap<String, LayerRecord>,
+    /// Statistics of each requested label by its name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub labels: BTreeMap<String, LabelRecord>,
     /// Facts from loading the scene, such as focus, orders and dropped tail.
     pub facts: SceneFacts,
     /// Digests of the input files.
@@ -74,6 +82,10 @@ impl TupleRecord {
         let layers = self.scene.film.layers.names();
         if let Some(name) = layers.into_iter().find(|name| !self.layers.contains_key(*name)) {
             return Err(format!("`layers` lacks the scene's layer {name}"));
+        }
+        let labels = self.scene.film.layers.labels();
+        if let Some(label) = labels.iter().find(|label| !self.labels.contains_key(label.name())) {
+            return Err(format!("`labels` lacks the scene's label {label}"));
         }
         let is_name = |name: &&String| !name.contains(['/', '\\']);
         if let Some(name) = self.files.keys().find(|name| !is_name(name)) {
@@ -151,8 +163,49 @@ impl LayerRecord {
     }
 }
 
+/// Statistics of one label.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LabelRecord {
+    /// Mean of the finite values.
+    pub mean: f64,
+    /// Largest finite value.
+    pub max: f64,
+    /// Share of the values that are finite; only depths can be infinite.
+    pub finite_share: f64,
+    /// BLAKE3 of the values as 32-bit floats (little endian, channels of a pixel together, row by row).
+    pub blake3: String,
+    /// BLAKE3 of the values after rounding, if `tuple.exr` has them as half floats.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exr_blake3: Option<String>,
+}
+
+impl LabelRecord {
+    /// Computes the statistics of a label. `half` is true if the layers of `tuple.exr` are half floats.
+    pub(super) fn new(label: Label, values: &[f32], half: bool) -> Self {
+        let finite = || values.iter().filter(|value| value.is_finite()).map(|&v| f64::from(v));
+        let count = finite().count();
+        let precision = if half { ExrPrecision::Half } else { ExrPrecision::Float };
+        let is_half = label_precision(label, precision) == ExrPrecision::Half;
+        Self {
+            mean: finite().sum::<f64>() / count.max(1) as f64,
+            max: finite().fold(0.0, f64::max),
+            finite_share: count as f64 / values.len() as f64,
+            blake3: value_digest(values),
+            exr_blake3: is_half.then(|| {
+                let halves = values.iter().map(|v| f16::from_f32(*v).to_f32());
+                value_digest(&halves.collect::<Vec<f32>>())
+            }),
+        }
+    }
+}
+
 pub(super) fn layer_digest(pixels: &[[f32; 3]]) -> String {
-    let values = pixels.as_flattened();
+    value_digest(pixels.as_flattened())
+}
+
+/// Computes the digest of values.
+pub(super) fn value_digest(values: &[f32]) -> String {
     let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
     blake3::hash(&bytes).to_hex().to_string()
 }

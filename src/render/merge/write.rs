@@ -3,6 +3,7 @@
 use super::tuple::{TUPLE_SCHEMA_1, Tuple, TupleRecord, file_digest};
 use crate::atomic_file::{self, WriteError};
 use crate::color::{SrgbEncoder, linear_to_srgb16};
+use crate::formats::exr_labels::label_channels;
 use crate::formats::exr_write::{HALF_MAX, channel, encode_exr};
 use crate::layer::PerLayer;
 use crate::line::{ExrPrecision, SceneLine};
@@ -173,7 +174,7 @@ pub(super) fn halved(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
     pixels.map(|p| p.map(|v| f16::from_f32(v).to_f32())).collect()
 }
 
-/// Encodes all layers in one file, with channels `input.R`, ...: half floats if the scene requests them and no value
+/// Encodes all layers and labels in one file, with channels `input.R`, ...: half floats if the scene requests them and no value
 /// exceeds their range, otherwise floats.
 pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
     let precision = if is_half(&tuple.record.scene, &tuple.layers) {
@@ -188,5 +189,6 @@ pub fn encode_tuple_exr(tuple: &Tuple) -> Result<Vec<u8>, exr::error::Error> {
             list.push(channel(&format!("{layer}.{colour}"), values, precision));
         }
     }
+    list.extend(label_channels(&tuple.labels, precision));
     encode_exr(list, tuple.width, tuple.height)
 }

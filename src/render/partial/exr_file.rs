@@ -1,9 +1,12 @@
 //! Encodes and decodes partials as OpenEXR bytes.
 
 use super::{Maker, Partial, PartialHeader};
+use crate::formats::exr_labels::{label_channels, read_label};
 use crate::formats::exr_read::{check_claim, first_layer, headers};
 use crate::formats::exr_write::write_exr_into;
+use crate::label::{Label, LabelImages};
 use crate::layer::Layer;
+use crate::line::ExrPrecision;
 use crate::trace::PixelMeans;
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, IntegerBounds,
@@ -69,18 +72,18 @@ fn planes(pixels: &[PixelMeans]) -> Vec<Vec<f32>> {
 
 /// Encodes a partial as the bytes of its file.
 pub fn encode(partial: &Partial) -> Result<Vec<u8>, exr::error::Error> {
-    encode_as(&partial.header, &partial.pixels, partial.maker.as_ref())
+    encode_as(&partial.header, partial)
 }
 
 pub(super) fn encode_as(
     header: &PartialHeader,
-    pixels: &[PixelMeans],
-    maker: Option<&Maker>,
+    partial: &Partial,
 ) -> Result<Vec<u8>, exr::error::Error> {
-    let tile = header.tile;
+    let (tile, pixels) = (header.tile, partial.pixels.as_slice());
     let list = channels()
         .zip(planes(pixels))
-        .map(|((name, ..), samples)| AnyChannel::new(name.as_str(), FlatSamples::F32(samples)));
+        .map(|((name, ..), samples)| AnyChannel::new(name.as_str(), FlatSamples::F32(samples)))
+        .chain(label_channels(&partial.labels, ExrPrecision::Float));
     let mut attributes = LayerAttributes {
         layer_position: Vec2(tile.x as i32, tile.y as i32),
         ..LayerAttributes::default()
@@ -88,7 +91,7 @@ pub(super) fn encode_as(
     attributes
         .other
         .insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(header.to_json().as_str())));
-    if let Some(maker) = maker {
+    if let Some(maker) = &partial.maker {
         let text = AttributeValue::Text(Text::from(maker.to_json().as_str()));
         attributes.other.insert(Text::from(MAKER_ATTRIBUTE), text);
     }
@@ -138,11 +141,25 @@ fn decode_inner(bytes: &[u8]) -> Result<Partial, String> {
             *value(pixel, part, of, c) = sample;
         }
     }
+    let values_of = |name: &str| {
+        let of_name = |channel: &&AnyChannel<FlatSamples>| channel.name.eq(name);
+        let channel = layer.channel_data.list.iter().find(of_name)?;
+        match &channel.sample_data {
+            FlatSamples::F32(samples) => Some(samples.as_slice()),
+            _ => None,
+        }
+    };
+    let mut labels = LabelImages::new();
+    for label in Label::ALL {
+        if let Some(values) = read_label(label, count, values_of) {
+            labels.insert(label, values);
+        }
+    }
     let maker = match layer.attributes.other.get(&Text::from(MAKER_ATTRIBUTE)) {
         Some(AttributeValue::Text(json)) => Maker::parse(&json.to_string()),
         _ => None,
     };
-    let partial = Partial { header, pixels, maker };
+    let partial = Partial { header, pixels, labels, maker };
     if !partial.is_intact() {
         return Err("its digest does not match its content".to_owned());
     }

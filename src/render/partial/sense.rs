@@ -28,6 +28,13 @@ impl Partial {
                 }
             }
         }
+        // Depths may be infinite, but no label is negative.
+        for (label, values) in &self.labels {
+            let length = label.channels().len() * self.pixels.len();
+            if values.len() != length || !values.iter().all(|value| *value >= 0.0) {
+                return Some(format!("its {label} has values that are no {label}"));
+            }
+        }
         // The negated condition also finds NaN, because every comparison with NaN is false.
         let is_radiance = |v: &f32| *v >= 0.0 && *v < f32::INFINITY;
         let is_sound = |part: &[[f32; 3]; 4]| part.as_flattened().iter().all(is_radiance);

@@ -110,6 +110,7 @@ fn assemble_sides(
         spp: line.film.spp,
         target_error: line.film.target_error,
         layers: line.film.layers.asked(),
+        labels: line.film.layers.labels(),
         first_reflection_alone: line.film.glass_reflection_orders == ReflectionOrders::First,
         film,
         lens,

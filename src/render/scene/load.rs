@@ -81,6 +81,7 @@ impl LoadedScene {
         let scene = &mut self.scene;
         (scene.seed, scene.spp) = (line.seed, line.film.spp);
         scene.layers = line.film.layers.asked();
+        scene.labels = line.film.layers.labels();
         self.facts.orders = order_facts(&scene.orders, scene.spp);
     }
 }

@@ -5,6 +5,7 @@
 //! image (see `tests/physics/golden.rs`) and a new name of the set, [`super::golden::SET`].
 
 use crate::formats::NamedBytes;
+use crate::label::LabelSet;
 use crate::layer::PerLayer;
 use crate::line::Apex;
 use crate::scene::{BackCamera, decode_srgb_image};
@@ -120,6 +121,7 @@ impl Parameters {
             spp: self.spp,
             target_error: self.target_error,
             layers: PerLayer(self.layers),
+            labels: LabelSet::default(),
             first_reflection_alone: false,
             film,
             lens: Lens {

@@ -6,6 +6,7 @@
 //! decision uses only the cell's own samples, and cells lie on a fixed grid, so tiles and threads change no pixel.
 
 use super::closed::ClosedForm;
+use super::labels::{self, Ghosts};
 use super::means::{Components, Means, PixelMeans, Wanted};
 use super::scene::Scene;
 use super::tile::{Tile, TileResult, patches};
@@ -44,6 +45,8 @@ pub(super) fn trace<const ISA: u8>(scene: &Scene, tile: Tile, target: f64) -> Ti
     let (mut closed_paths, mut closed_misses) = (0, 0);
     let mut tracer = Tracer::<ISA>::new(scene);
     let mut pixels = vec![PixelMeans::default(); (tile.width * tile.height) as usize];
+    let mut labels = labels::of_tile(scene, tile, &(0..scene.spp));
+    let mut ghosts = Ghosts::new(scene, pixels.len());
     let (mut samples, mut sums) = (PerLayer([0u32; 4]), PerLayer([0u64; 4]));
     for y in (0..tile.height).step_by(CELL_PX as usize) {
         for x in (0..tile.width).step_by(CELL_PX as usize) {
@@ -63,6 +66,7 @@ pub(super) fn trace<const ISA: u8>(scene: &Scene, tile: Tile, target: f64) -> Ti
                 let (x, y) = (x + q % width, y + q / width);
                 let index = (y * tile.width + x) as usize;
                 pixels[index] = components.pixel(scene.layers);
+                ghosts.set(index, components);
                 if let Some(closed) = closed {
                     closed.write(index, &mut pixels[index]);
                     let [of_pixel, beyond] = closed.paths(index);
@@ -79,7 +83,8 @@ pub(super) fn trace<const ISA: u8>(scene: &Scene, tile: Tile, target: f64) -> Ti
     let (mut paths, mut misses) = tracer.counts();
     paths[Layer::CleanReflection] += closed_paths;
     misses[Layer::CleanReflection] += closed_misses;
-    TileResult { pixels, samples, sample_sums: Some(sums), paths, misses }
+    ghosts.join(&mut labels);
+    TileResult { pixels, samples, sample_sums: Some(sums), paths, misses, labels }
 }
 
 impl Cell {
@@ -186,6 +191,7 @@ impl Components {
             (&mut self.reflected, &new.reflected, wanted.back),
             (&mut self.back, &new.back, wanted.back),
             (&mut self.clean, &new.clean, wanted.clean),
+            (&mut self.ghosts, &new.ghosts, wanted.back),
         ] {
             if is_new {
                 *total = if is_first { *new } else { doubled(total, new) };

@@ -217,6 +217,23 @@ impl BundleRays {
         misses
     }
 
+    /// Returns the inverse depths, 1/m, at which the rays of a bundle's first sample hit a sheet.
+    pub(super) fn reach<const ISA: u8>(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        lanes: &ViewLanes,
+        bundle: &Bundle,
+    ) -> Lane {
+        let maker = LineMaker::new(scene, view, bundle.patch, lanes, bundle.path);
+        let (lines, w) = (&mut self.lines[..1], &mut self.w[..1]);
+        lines[0] = maker.lines(bundle.camera, 0);
+        let spans = span_of_lines(view, &lanes.grid, lines).into();
+        let group = Group { lanes: &lanes.grid, spans: &spans };
+        walk_bundle::<ISA>(&view.grid, |_| group, lines, &mut self.walkers, w);
+        w[0]
+    }
+
     /// Finds the effects of outline, frame and cards, from the hits of the bundle's lines. Returns false if there are none.
     #[inline(always)]
     fn cover(&mut self, scene: &Scene, view: &View, bundle: &Bundle) -> bool {

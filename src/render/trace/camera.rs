@@ -100,6 +100,23 @@ impl CameraChunk {
                 }
             }
         }
+        self.meet_glass(scene, patch, count);
+        self.rough.begin(first, count);
+    }
+
+    /// Aims one ray of each pixel through the centres of pixel and lens.
+    pub(super) fn aim(&mut self, scene: &Scene, patch: &Patch) {
+        for axis in 0..2 {
+            for lanes in [&mut self.film, &mut self.direction, &mut self.lens] {
+                lanes[axis][0] = [0.0; LANES];
+            }
+        }
+        self.meet_glass(scene, patch, 1);
+    }
+
+    /// Computes the optics of the glass and the entries of the first `count` samples, from their directions and lens points.
+    #[inline(always)]
+    fn meet_glass(&mut self, scene: &Scene, patch: &Patch, count: usize) {
         match (&scene.bow, &scene.stack) {
             (Some(bow), _) => {
                 let slab = &scene.slab;
@@ -108,7 +125,6 @@ impl CameraChunk {
             (None, None) => self.fill_glass(scene, patch, count),
             (None, Some(stack)) => self.fill_stack(scene, stack, patch, count),
         }
-        self.rough.begin(first, count);
         if let Some(outline) = &scene.cover.outline {
             let (slab, center) = (&scene.slab, &patch.center);
             let lens = Some(&self.lens);

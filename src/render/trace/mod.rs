@@ -37,6 +37,7 @@ mod fetch;
 mod footprint;
 mod grid;
 mod isa;
+mod labels;
 mod lanes;
 mod lines;
 mod means;

@@ -73,8 +73,6 @@ struct Step {
     travel_m: f32,
     /// Constant of the quadratic equation of the way between two spheres, m: half of it is -`travel_m` without curvature.
     constant_m: f32,
-    /// Radius of the first face over that of this one.
-    inverse_ratio: f32,
     /// Absorption coefficients of the layer crossed on the way, per metre.
     absorption_per_m: [f32; 3],
 }
@@ -158,7 +156,6 @@ impl RoughPath {
                 is_coated: stack.coatings()[face].is_some(),
                 travel_m: (to_m - from_m) as f32,
                 constant_m: (of_sphere(from_m) - of_sphere(to_m)) as f32,
-                inverse_ratio: (1.0 / (1.0 + curvature_per_m * to_m)) as f32,
                 absorption_per_m: crossed
                     .map_or([0.0; 3], |layer| layer.absorption_per_m)
                     .map(|a| a as f32),

@@ -316,6 +316,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
         spp: 256,
         target_error: None,
         layers: crate::layer::PerLayer([true; 4]),
+        labels: crate::label::LabelSet::default(),
         first_reflection_alone: false,
         film: FilmPlane {
             width: 120,

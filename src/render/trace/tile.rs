@@ -3,12 +3,14 @@
 use super::adaptive;
 use super::closed::ClosedForm;
 use super::isa::{AVX2, AVX512, BASELINE, Isa};
+use super::labels::{self, Ghosts};
 use super::lanes::LANES;
 use super::means::{PixelMeans, Wanted};
 use super::patch::PATCH_PX;
 use super::sampler::BLOCK;
 use super::scene::Scene;
 use super::tracer::Tracer;
+use crate::label::LabelImages;
 use crate::layer::{Layer, PerLayer};
 use std::ops::Range;
 
@@ -67,6 +69,8 @@ pub struct TileResult {
     pub paths: PerLayer<u64>,
     /// Number of paths of each layer that ended on the continuation of the border or hit no triangle of a mesh.
     pub misses: PerLayer<u64>,
+    /// Requested labels that need tracing; the depth only in ranges that begin at sample 0.
+    pub labels: LabelImages,
 }
 
 /// Traces `samples` of each pixel of `tile`: an aligned power-of-two block, or in an adaptive scene up to all samples.
@@ -122,6 +126,8 @@ fn trace<const ISA: u8>(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileR
     let is_all_closed = closed.as_ref().is_some_and(ClosedForm::is_all);
     let mut tracer = Tracer::<ISA>::new(scene);
     let mut pixels = vec![PixelMeans::default(); (tile.width * tile.height) as usize];
+    let mut labels = labels::of_tile(scene, tile, &samples);
+    let mut ghosts = Ghosts::new(scene, pixels.len());
     let (mut closed_paths, mut closed_misses) = (0, 0);
     for y in patches(tile.y, tile.height) {
         for x in patches(tile.x, tile.width) {
@@ -132,6 +138,7 @@ fn trace<const ISA: u8>(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileR
             for (pixel, components) in lanes.into_iter().zip(components) {
                 if let Some(pixel) = pixel {
                     pixels[pixel] = components.pixel(scene.layers);
+                    ghosts.set(pixel, components);
                     // Where a part of R is sampled, each range with samples of R has the closed form of the other pixels.
                     let Some(closed) = closed else { continue };
                     if samples.start == 0 || (!is_all_closed && clean > 0) {
@@ -154,11 +161,13 @@ fn trace<const ISA: u8>(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileR
     let reflected = strongest.map_or(count, |o| o.samples_of_block(block) * (count / block));
     let clean = if is_all_closed { 0 } else { clean };
     let taken = PerLayer([count, count, reflected, clean]);
+    ghosts.join(&mut labels);
     TileResult {
         pixels,
         samples: PerLayer::of(|layer| taken[layer] * u32::from(scene.layers[layer])),
         sample_sums: None,
         paths,
         misses,
+        labels,
     }
 }

@@ -31,6 +31,7 @@ use super::scene::{Scene, Surface};
 use super::slab::Order;
 use super::spans::Spans;
 
+use crate::label::Label;
 use crate::layer::{Layer, PerLayer};
 use std::ops::Range;
 
@@ -270,7 +271,13 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         add_means_of(&mut bare, &others[0], l, counts.all);
         add_means_of(&mut clean, &others[1], l, counts.clean.max(1));
         let front = mean_of(&orders.front, of_front, l, counts);
-        Components { front, bare, reflected, back, clean }
+        let mut ghosts = NOTHING;
+        if self.scene.labels.contains(Label::Ghosts) {
+            let first = orders.back.first().is_some_and(|first| first.order == Order::Reflected(0));
+            let skipped = usize::from(first);
+            ghosts = mean_of(&orders.back[skipped..], &of_back[skipped..], l, counts);
+        }
+        Components { front, bare, reflected, back, clean, ghosts }
     }
 
     /// Counts `samples` paths of each live pixel, and their misses, for the layers that an order (or R's path) feeds.

@@ -62,7 +62,7 @@ fn traced() -> (SceneLine, Vec<Partial>, Vec<u8>) {
                 facts: facts.clone(),
                 blake3: String::new(),
             };
-            Partial::new(header, result.pixels)
+            Partial::new(header, result.pixels, result.labels)
         })
         .collect();
     let tuple = combine(&line, 16, &partials).unwrap();

@@ -111,6 +111,16 @@ impl Mesh {
         self.tree.first_hits(rays, count)
     }
 
+    /// Returns the inverse depths of the first hits of sixteen rays with directions (`d`, 1) through points `p` of the plane z = 0, 1/m;
+    /// 0 without a hit.
+    pub(in super::super) fn inverse_depths(
+        &self,
+        d: [[f32; LANES]; 2],
+        p: [[f32; LANES]; 2],
+    ) -> [f32; LANES] {
+        self.first_hits(&Rays::new(d, p, self.tree.top()), LANES).w
+    }
+
     /// Finds the first hits of the first `count` rays with directions (`d`, 1) through points `p` of the plane z = 0.
     #[inline(always)]
     pub(super) fn see(&self, d: [[f32; LANES]; 2], p: [[f32; LANES]; 2], count: usize) -> Seen {

@@ -11,9 +11,11 @@ use glam::DVec3;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// Number of angles of incidence, and of rays of each. More rays change no selection of the tests.
-const ANGLES: u32 = 5;
-const RAYS: u32 = 64;
+/// Number of angles of incidence.
+const ANGLES: u32 = 3;
+/// Number of rays at each angle, for faces up to `ALMOST_SMOOTH` and for rougher ones, which turn some light to total reflection.
+const RAYS: [u32; 2] = [64, 512];
+const ALMOST_SMOOTH: f64 = 0.03;
 
 /// Largest number of steps of the search. The light of paths that it does not reach is left.
 const MOST_STEPS: usize = 4000;
@@ -54,7 +56,7 @@ struct Partial {
     /// True if the light travels away from the camera.
     inward: bool,
     meetings: Vec<Meeting>,
-    /// [`RAYS`] rays at each of [`ANGLES`] angles.
+    /// Equal numbers of rays at each of [`ANGLES`] angles.
     rays: Vec<Ray>,
 }
 
@@ -100,7 +102,9 @@ pub(super) fn select(
         direction: DVec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos),
         power: [[1.0; 3]; 2],
     };
-    let rays = (0..ANGLES).flat_map(|i| [start(at(i)); RAYS as usize]).collect();
+    let is_rough = alphas.iter().any(|alpha| *alpha > ALMOST_SMOOTH);
+    let of_angle = RAYS[usize::from(is_rough)] as usize;
+    let rays = (0..ANGLES).flat_map(|i| vec![start(at(i)); of_angle]).collect();
     let all = Partial {
         strength: 1.0,
         is_first: true,
@@ -168,7 +172,8 @@ fn go_on(stack: &Stack, alphas: &[f64], path: &Partial, face: usize, reflects: b
         .as_ref()
         .map(|coating| if reflects { coating.reflectance } else { coating.transmittance });
     let seed = PixelSeed::new(0, 0, 0).of_meeting(path.meetings.len() as u32);
-    let facets: Vec<[f64; 2]> = (0..RAYS)
+    let of_angle = path.rays.len() / ANGLES as usize;
+    let facets: Vec<[f64; 2]> = (0..of_angle as u32)
         .map(|index| {
             let [u, v, ..] = sample(&seed, index);
             let angle = std::f64::consts::TAU * f64::from(v);
@@ -178,7 +183,7 @@ fn go_on(stack: &Stack, alphas: &[f64], path: &Partial, face: usize, reflects: b
         .collect();
     let mut rays = path.rays.clone();
     let mut strength = 0.0f64;
-    for rays in rays.chunks_mut(RAYS as usize) {
+    for rays in rays.chunks_mut(of_angle) {
         let mut sum = [0.0; 3];
         for (ray, facet) in rays.iter_mut().zip(&facets) {
             let (direction, shares) = scatter(ray.direction, *facet, iors, reflects);
@@ -190,7 +195,7 @@ fn go_on(stack: &Stack, alphas: &[f64], path: &Partial, face: usize, reflects: b
             for (power, (fresnel, shape)) in ray.power.iter_mut().zip(shares) {
                 for c in 0..3 {
                     power[c] *= coated.map_or(fresnel, |share| share[c]) * shape * passed[c];
-                    sum[c] += 0.5 * power[c] / f64::from(RAYS);
+                    sum[c] += 0.5 * power[c] / of_angle as f64;
                 }
             }
         }

@@ -285,11 +285,11 @@ impl Travellers {
             let (p, d) = (lane(&self.point, l), lane(&self.direction, l));
             let facet = [x[l], y[l], inverse[l]];
             let (p, out, shares, way_m) = if BENT {
-                let way_m = if FIRST { 0.0 } else { pane.way_m(step, p, d) };
+                let (way_m, met) = if FIRST { (0.0, 1.0) } else { pane.way_m(step, p, d) };
                 let p = p + d * way_m;
-                let frame = pane.frame(step, p);
+                let frame = pane.frame(p);
                 let (out, shares) = scatter::<REFLECTS>(step, to_frame(frame, d), facet);
-                (p, from_frame(frame, out), shares, way_m)
+                (p, from_frame(frame, out), shares.map(|share| share * met), way_m)
             } else {
                 let way_m = if FIRST { 0.0 } else { step.travel_m / d.z };
                 let (out, shares) = scatter::<REFLECTS>(step, d, facet);
@@ -310,20 +310,23 @@ impl Travellers {
 }
 
 impl RoughPane {
-    /// Returns the way of a ray from one sphere of a bent pane to the next, m.
+    /// Returns the way of a ray from one sphere of a bent pane to the next, m, and 1; or 0 and 0 if a flat ray in the glass misses the
+    /// inner sphere.
     #[inline(always)]
-    fn way_m(&self, step: &Step, p: Vec3, d: Vec3) -> f32 {
+    fn way_m(&self, step: &Step, p: Vec3, d: Vec3) -> (f32, f32) {
         let kappa = self.curvature_per_m;
         let linear = kappa * dot(p, d) + dot(d, self.axes[2]);
-        let root = max(linear * linear - kappa * step.constant_m, 0.0).sqrt();
-        -step.constant_m / (linear + root.copysign(linear))
+        let square = linear * linear - kappa * step.constant_m;
+        let way_m = -step.constant_m / (linear + max(square, 0.0).sqrt().copysign(linear));
+        if square > 0.0 { (way_m, 1.0) } else { (0.0, 0.0) }
     }
 
     /// Returns two tangents and the normal of a face of a bent pane at `p`.
     #[inline(always)]
-    fn frame(&self, step: &Step, p: Vec3) -> [Vec3; 3] {
+    fn frame(&self, p: Vec3) -> [Vec3; 3] {
         let [across, _, n] = self.axes;
-        let n = (n + p * self.curvature_per_m) * step.inverse_ratio;
+        let n = n + p * self.curvature_per_m;
+        let n = n * (1.0 / dot(n, n).sqrt());
         let across = across - n * dot(across, n);
         let across = across * (1.0 / dot(across, across).sqrt());
         [across, cross(n, across), n]
