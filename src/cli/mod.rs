@@ -3,6 +3,7 @@
 mod args;
 mod commands;
 mod exit_code;
+mod freed_memory;
 mod isolate;
 #[cfg(feature = "train")]
 mod network;

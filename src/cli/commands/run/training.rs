@@ -4,6 +4,7 @@ use crate::cli::args::Global;
 use crate::cli::commands::evaluate::{evaluate_run, evaluation_folder};
 use crate::cli::commands::train::{train, train_recipe, training_of};
 use crate::cli::exit_code::{Exit, Failure, failure};
+use crate::cli::freed_memory;
 use crate::cli::output::Output;
 use crate::run::Run;
 use crate::store::Store;
@@ -84,6 +85,7 @@ pub(super) fn training(
             ..training_of(run, &store, stage, steps, &settings)
         };
         let (summary, exit) = train(of_stage, global, output)?;
+        freed_memory::release();
         steps_taken += summary.trained.as_ref().map_or(0, |trained| trained.taken);
         let name = training.name.iter().map(String::as_str).chain([stage.name()]);
         trained.stages.insert(name.collect::<Vec<_>>().join("/"), summary);
