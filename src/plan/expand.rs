@@ -8,7 +8,7 @@ use super::pair::Pair;
 use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
-use super::sections::{camera, film, glass, light, side};
+use super::sections::{camera, film, light, side};
 use super::source_values::source_values;
 use render::line::{Apex, Focus, SCENE_SCHEMA, SceneLine};
 use render::scene::check_geometry;
@@ -94,12 +94,14 @@ pub(super) fn draw_line(
         seed: scene_seed(dataset_seed, id.as_str()),
         film: film(recipe, first),
         camera: camera(recipe, first),
-        glass: glass(recipe, first),
+        glass: recipe.glass.draw(first),
         front,
         back,
     };
     let deciding = geometry_params(recipe);
-    let is_constant = deciding.iter().all(|(_, param)| param.is_constant());
+    let names = recipe.glass.glazings();
+    let is_constant = deciding.iter().all(|(_, param)| param.is_constant())
+        && names.is_none_or(|names| names.values.len() == 1);
     let attempts = if is_constant { 1 } else { MAX_ATTEMPTS };
     let white_balance = match recipe.light.white_balance {
         WhiteBalance::Front => gains_against(line.front.illuminant()),
@@ -111,7 +113,7 @@ pub(super) fn draw_line(
     for attempt in from..from + attempts {
         line.camera = camera(recipe, draw_of(attempt));
         line.camera.white_balance = white_balance;
-        line.glass = glass(recipe, draw_of(attempt));
+        line.glass = recipe.glass.draw(draw_of(attempt));
         line.validate().map_err(|source| RecipeError::Line { id: id.clone(), source })?;
         // The distance of a focus on a photograph is known only after loading, which checks the geometry again.
         let inverse_focus_distance_per_m = match line.camera.focus {
@@ -129,6 +131,7 @@ pub(super) fn draw_line(
         ranges: deciding
             .iter()
             .map(|(name, param)| format!("{name} ({param})"))
+            .chain(names.map(|names| format!("glass.glazing ({names})")))
             .collect::<Vec<_>>()
             .join(", "),
         source: last_error.expect("there was at least one attempt"),
@@ -141,6 +144,7 @@ fn geometry_params(recipe: &Recipe) -> Vec<(String, &Param)> {
     let decides = |key: &str| match key {
         "camera.aperture_radius_m" => !has_f_number,
         "camera.f_number" | "camera.focal_length_mm" | "camera.focus" | "glass.distance_m" => true,
+        "glass.roughness" | "glass.bow_radius_m" => true,
         _ => key.starts_with("glass.tilt_deg"),
     };
     let mut params = recipe.params();

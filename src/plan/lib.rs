@@ -1,7 +1,9 @@
 //! Planning: turns a recipe (distributions) into scene lines (`render::line`), one resolved scene per line.
 //!
 //! ```text
-//! recipe, source, param, focus, light, train_recipe, training   the TOML file      recipe_check, source_check, training_check, recipe_schema   its rules
+//! recipe, source, param, choice, focus, glass, light, train_recipe, training   the TOML file
+//! recipe_check, source_check, glass_check, training_check, recipe_schema       its rules
+//! glazing                                         the named panes of glazings.toml
 //! diode, places, list                             list the photographs of a source
 //! split -> pair -> assign                         photographs to splits, pairs and scenes; substitutes for excluded ones
 //! draw, source_values, sections -> expand         random numbers, values of photographs; scene lines
@@ -15,6 +17,7 @@
 
 mod assign;
 mod check;
+mod choice;
 mod content;
 mod cost;
 mod diode;
@@ -23,6 +26,9 @@ mod draw;
 mod draw_scenes;
 mod expand;
 mod focus;
+mod glass;
+mod glass_check;
+mod glazing;
 mod inputs;
 mod light;
 mod list;
