@@ -47,7 +47,8 @@ impl<T> Choice<T> {
 
     /// Checks the weights.
     fn check(self) -> Result<Self, String> {
-        let Some(weights) = &self.weights else {
+        // An empty choice is the error of whoever knows what it should list.
+        let (Some(weights), false) = (&self.weights, self.values.is_empty()) else {
             return Ok(self);
         };
         if weights.len() != self.values.len() {
@@ -57,7 +58,8 @@ impl<T> Choice<T> {
                 weights.len()
             ));
         }
-        if let Some(wrong) = weights.iter().find(|weight| !(weight.is_finite() && **weight >= 0.0)) {
+        if let Some(wrong) = weights.iter().find(|weight| !(weight.is_finite() && **weight >= 0.0))
+        {
             return Err(format!("weights has {wrong}, but each must be finite and at least 0"));
         }
         let sum: f64 = weights.iter().sum();

@@ -143,8 +143,12 @@ fn geometry_params(recipe: &Recipe) -> Vec<(String, &Param)> {
     let has_f_number = recipe.camera.f_number.is_some();
     let decides = |key: &str| match key {
         "camera.aperture_radius_m" => !has_f_number,
-        "camera.f_number" | "camera.focal_length_mm" | "camera.focus" | "glass.distance_m" => true,
-        "glass.roughness" | "glass.bow_radius_m" => true,
+        "camera.f_number"
+        | "camera.focal_length_mm"
+        | "camera.focus"
+        | "glass.distance_m"
+        | "glass.roughness"
+        | "glass.bow_radius_m" => true,
         _ => key.starts_with("glass.tilt_deg"),
     };
     let mut params = recipe.params();
@@ -270,6 +274,11 @@ mod tests {
         let error = expand(&hopeless, &sources).unwrap_err().to_string();
         assert!(error.contains("all 100 draws of"), "{error}");
         assert!(error.contains("glass.tilt_deg[1] (uniform 85 to 89)"), "{error}");
+
+        let named = "tilt_deg = [0, 86]\nroughness = { choice = [0, 0.1], weights = [1, 9] }";
+        let error = expand(&recipe(named, 4, 4), &sources).unwrap_err().to_string();
+        let range = "glass.roughness (choice of [0.0, 0.1] with weights [1.0, 9.0])";
+        assert!(error.contains("all 100 draws of") && error.contains(range), "{error}");
 
         let constant = recipe("tilt_deg = [0, 88]", 4, 4);
         let error = expand(&constant, &sources).unwrap_err().to_string();

@@ -156,7 +156,3 @@ fn indexed<'a>(key: &str, params: &'a [Param]) -> impl Iterator<Item = (String, 
 fn each<const N: usize>(draw: Draw<'_>, key: &str, params: &[Param; N]) -> [f64; N] {
     std::array::from_fn(|index| draw.value(&format!("{key}[{index}]"), &params[index]))
 }
-
-#[cfg(test)]
-#[path = "glass_tests.rs"]
-mod tests;

@@ -8,28 +8,30 @@ use super::recipe_error::RecipeError;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// Refuses a recipe whose text gives a glazing together with a key that the glazing replaces. The parsed recipe does not
-/// show whether a key is given, because it has defaults.
-pub(super) fn check_given(text: &str, glass: &GlassRecipe) -> Result<(), RecipeError> {
-    #[derive(Deserialize)]
-    struct Given {
-        glass: BTreeMap<String, toml::Value>,
-    }
-    if glass.glazing.is_none() {
-        return Ok(());
-    }
-    let given: Given = toml::from_str(text).map_err(Box::new)?;
-    let replaced = ["thickness_m", "ior", "absorption_per_m"];
-    match replaced.into_iter().find(|key| given.glass.contains_key(*key)) {
-        None => Ok(()),
-        Some(key) => bad(
-            "glass.glazing",
-            format!("names the layers of the pane, and glass.{key} is given, too: remove one of them"),
-        ),
-    }
-}
-
 impl GlassRecipe {
+    /// Refuses a recipe whose text gives a glazing together with a key that the glazing replaces. The parsed recipe does not
+    /// show whether a key is given, because it has defaults.
+    pub(super) fn check_given(&self, text: &str) -> Result<(), RecipeError> {
+        #[derive(Deserialize)]
+        struct Given {
+            glass: BTreeMap<String, toml::Value>,
+        }
+        if self.glazing.is_none() {
+            return Ok(());
+        }
+        let given: Given = toml::from_str(text).map_err(Box::new)?;
+        let replaced = ["thickness_m", "ior", "absorption_per_m"];
+        match replaced.into_iter().find(|key| given.glass.contains_key(*key)) {
+            None => Ok(()),
+            Some(key) => bad(
+                "glass.glazing",
+                format!(
+                    "names the layers of the pane, and glass.{key} is given, too: remove one of them"
+                ),
+            ),
+        }
+    }
+
     /// Checks what the table of limits does not know.
     pub(super) fn check(&self) -> Result<(), RecipeError> {
         self.check_bow()?;

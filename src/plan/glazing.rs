@@ -101,7 +101,3 @@ fn known(names: Choice<String>) -> Result<GlazingRecipe, String> {
         }
     }
 }
-
-#[cfg(test)]
-#[path = "glazing_tests.rs"]
-mod tests;

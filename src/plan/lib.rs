@@ -28,7 +28,13 @@ mod expand;
 mod focus;
 mod glass;
 mod glass_check;
+#[cfg(test)]
+mod glass_tests;
 mod glazing;
+#[cfg(test)]
+mod glazing_films_tests;
+#[cfg(test)]
+mod glazing_tests;
 mod inputs;
 mod light;
 mod list;
@@ -57,6 +63,7 @@ pub use check::{InvalidInput, invalid_text};
 pub use cost::{Calibration, Cost, Estimate, cost};
 pub use drafting::{Drafted, draft};
 pub use draw_scenes::{RejectedScene, read_rejected, rejected_lines};
+pub use glazing::{Glazing, Glazings, glazings};
 pub use inputs::{InputFiles, LocalFiles, StoreUnavailable};
 pub use list::{PHOTOGRAPH_SCHEMA, parse_list};
 pub use places::{DEPTH_RANGES_SCHEMA, DepthRanges};

@@ -96,11 +96,12 @@ impl Param {
             Self::Uniform([a, b]) | Self::LogUniform([a, b]) => (*a, *b),
             Self::Normal(normal) => (normal.min, normal.max),
             Self::FromSource => (f64::NEG_INFINITY, f64::INFINITY),
-            Self::Choice(choice) => {
-                choice.values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &v| {
+            Self::Choice(choice) => choice
+                .values
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &v| {
                     (least.min(v), most.max(v))
-                })
-            }
+                }),
         }
     }
 
@@ -314,7 +315,7 @@ mod tests {
             ("{ normal = { mean = 0, std = 1, min = 20, max = 30 } }", "never falls"),
             ("{ choice = [] }", "one or more"),
             ("{ choice = [1, nan] }", "one or more finite numbers"),
-            ("{ choice = [], weights = [] }", "weights add up to 0"),
+            ("{ choice = [], weights = [] }", "one or more"),
             ("{ choice = [1, 2], weights = [1] }", "choice and weights have 2 and 1 entries"),
             ("{ choice = [1, 2], weights = [1, -1] }", "weights has -1, but each must be finite"),
             ("{ choice = [1, 2], weights = [1, inf] }", "weights has inf, but each must be finite"),

@@ -2,7 +2,6 @@
 
 use super::focus::FocusRecipe;
 use super::glass::GlassRecipe;
-use super::glass_check::check_given;
 use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
 use super::param::Param;
 use super::places::depth_root;
@@ -261,7 +260,7 @@ impl Recipe {
     /// Parses and checks a recipe.
     pub fn parse(text: &str) -> Result<Self, RecipeError> {
         let recipe: Self = toml::from_str(text).map_err(Box::new)?;
-        check_given(text, &recipe.glass)?;
+        recipe.glass.check_given(text)?;
         recipe.check()?;
         Ok(recipe)
     }
