@@ -120,6 +120,17 @@ fn the_document_has_the_numbers_of_the_file() {
 }
 
 #[test]
+fn the_example_of_the_document_is_valid() {
+    let document = include_str!("../../docs/glass.md");
+    let (_, example) = document.split_once("```toml\n").unwrap();
+    let (example, _) = example.split_once("```").unwrap();
+    let pane = "[glass]\ndistance_m = 0.30\nthickness_m = 0.010\nior = 1.6\n";
+    let recipe = Recipe::parse(&PAPER.replacen(pane, example, 1)).unwrap();
+    assert_eq!(recipe.glass.glazings().unwrap().values.len(), 3);
+    assert!(recipe.glass.roughness.is_some() && recipe.glass.outline.is_some());
+}
+
+#[test]
 fn panes_reflect_what_is_known_of_them() {
     let of = |name: &str| totals(&glazings().by_name[name]);
     // Visible reflectance and transmittance of CLEAR 6MM, GREY 6MM and LoE CLEAR 3MM in EnergyPlus: 0.080 and 0.881, 0.052 and
