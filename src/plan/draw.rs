@@ -2,6 +2,7 @@
 //!
 //! Adding a scene, split, source or parameter therefore changes no other draw.
 
+use super::choice::Choice;
 use super::param::{Normal, Param};
 use std::collections::BTreeMap;
 
@@ -24,6 +25,11 @@ impl Draw<'_> {
         (bits >> 11) as f64 / TWO_TO_53
     }
 
+    /// Draws an alternative of `choice` for the parameter with this key in the recipe.
+    pub(crate) fn pick<'c, T>(&self, parameter: &str, choice: &'c Choice<T>) -> &'c T {
+        &choice.values[choice.place(self.unit(parameter))]
+    }
+
     /// Draws a value of `param`; rounds values of continuous distributions by [`nine_digits`].
     pub(crate) fn value(&self, parameter: &str, param: &Param) -> f64 {
         let (least, most) = param.bounds();
@@ -32,10 +38,7 @@ impl Draw<'_> {
             // `source_values` has checked that the value exists. If it does not, validation rejects the line for its
             // NaN.
             Param::FromSource => return self.values.get(parameter).copied().unwrap_or(f64::NAN),
-            Param::Choice(values) => {
-                let index = (self.unit(parameter) * values.len() as f64) as usize;
-                return values[index.min(values.len() - 1)];
-            }
+            Param::Choice(choice) => return *self.pick(parameter, choice),
             Param::Uniform([a, b]) => a + self.unit(parameter) * (b - a),
             Param::LogUniform([a, b]) => {
                 let (log_a, log_b) = (libm::log(*a), libm::log(*b));
@@ -252,8 +255,12 @@ mod tests {
         let (mean, _) = moments(&normal(0.0, 1.0, 8.0, 20.0));
         assert!((mean - 8.0 - 0.1213).abs() < 0.005, "{mean}");
 
-        let (mean, _) = moments(&Param::Choice(vec![0.0, 1.0, 5.0]));
+        let (mean, _) = moments(&Param::Choice(vec![0.0, 1.0, 5.0].into()));
         assert!((mean - 2.0).abs() < 0.06, "{mean}");
+
+        let (values, weights) = (vec![0.0, 1.0, 5.0], Some(vec![1.0, 5.0, 2.0]));
+        let (mean, _) = moments(&Param::Choice(Choice { values, weights }));
+        assert!((mean - 15.0 / 8.0).abs() < 0.05, "{mean}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::pair::Pair;
 use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
-use super::sections::{camera, film, glass, light, side};
+use super::sections::{camera, film, light, side};
 use super::source_values::source_values;
 use render::line::{Apex, Focus, SCENE_SCHEMA, SceneLine};
 use render::scene::check_geometry;
@@ -94,12 +94,14 @@ pub(super) fn draw_line(
         seed: scene_seed(dataset_seed, id.as_str()),
         film: film(recipe, first),
         camera: camera(recipe, first),
-        glass: glass(recipe, first),
+        glass: recipe.glass.draw(first),
         front,
         back,
     };
     let deciding = geometry_params(recipe);
-    let is_constant = deciding.iter().all(|(_, param)| param.is_constant());
+    let names = recipe.glass.glazings();
+    let is_constant = deciding.iter().all(|(_, param)| param.is_constant())
+        && names.is_none_or(|names| names.values.len() == 1);
     let attempts = if is_constant { 1 } else { MAX_ATTEMPTS };
     let white_balance = match recipe.light.white_balance {
         WhiteBalance::Front => gains_against(line.front.illuminant()),
@@ -111,7 +113,7 @@ pub(super) fn draw_line(
     for attempt in from..from + attempts {
         line.camera = camera(recipe, draw_of(attempt));
         line.camera.white_balance = white_balance;
-        line.glass = glass(recipe, draw_of(attempt));
+        line.glass = recipe.glass.draw(draw_of(attempt));
         line.validate().map_err(|source| RecipeError::Line { id: id.clone(), source })?;
         // The distance of a focus on a photograph is known only after loading, which checks the geometry again.
         let inverse_focus_distance_per_m = match line.camera.focus {
@@ -129,6 +131,7 @@ pub(super) fn draw_line(
         ranges: deciding
             .iter()
             .map(|(name, param)| format!("{name} ({param})"))
+            .chain(names.map(|names| format!("glass.glazing ({names})")))
             .collect::<Vec<_>>()
             .join(", "),
         source: last_error.expect("there was at least one attempt"),
@@ -140,7 +143,12 @@ fn geometry_params(recipe: &Recipe) -> Vec<(String, &Param)> {
     let has_f_number = recipe.camera.f_number.is_some();
     let decides = |key: &str| match key {
         "camera.aperture_radius_m" => !has_f_number,
-        "camera.f_number" | "camera.focal_length_mm" | "camera.focus" | "glass.distance_m" => true,
+        "camera.f_number"
+        | "camera.focal_length_mm"
+        | "camera.focus"
+        | "glass.distance_m"
+        | "glass.roughness"
+        | "glass.bow_radius_m" => true,
         _ => key.starts_with("glass.tilt_deg"),
     };
     let mut params = recipe.params();
@@ -266,6 +274,11 @@ mod tests {
         let error = expand(&hopeless, &sources).unwrap_err().to_string();
         assert!(error.contains("all 100 draws of"), "{error}");
         assert!(error.contains("glass.tilt_deg[1] (uniform 85 to 89)"), "{error}");
+
+        let named = "tilt_deg = [0, 86]\nroughness = { choice = [0, 0.1], weights = [1, 9] }";
+        let error = expand(&recipe(named, 4, 4), &sources).unwrap_err().to_string();
+        let range = "glass.roughness (choice of [0.0, 0.1] with weights [1.0, 9.0])";
+        assert!(error.contains("all 100 draws of") && error.contains(range), "{error}");
 
         let constant = recipe("tilt_deg = [0, 88]", 4, 4);
         let error = expand(&constant, &sources).unwrap_err().to_string();

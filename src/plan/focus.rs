@@ -1,5 +1,6 @@
 //! `camera.focus` of a recipe.
 
+use super::choice::{Choice, is_key};
 use super::param::{Param, ParamVisitor};
 use serde::Deserialize;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
@@ -16,8 +17,8 @@ pub enum FocusRecipe {
     Glass,
     /// `"infinity"`: objects at infinity.
     Infinity,
-    /// `{ choice = [..] }`: a list of words and distances (m) with equal probabilities.
-    Choice(Vec<FocusRecipe>),
+    /// `{ choice = [..], weights = [..] }`: a list of words and distances (m).
+    Choice(Choice<FocusRecipe>),
     /// A distance from the lens, m.
     DistanceM(Param),
 }
@@ -26,7 +27,7 @@ impl FocusRecipe {
     /// Returns the alternatives of a choice, or `self` for any other variant.
     pub(super) fn each(&self) -> &[Self] {
         match self {
-            Self::Choice(words) => words,
+            Self::Choice(choice) => &choice.values,
             one => std::slice::from_ref(one),
         }
     }
@@ -72,23 +73,20 @@ impl<'de> Visitor<'de> for FocusVisitor {
         let Some(kind) = map.next_key::<String>()? else {
             return Err(de::Error::invalid_length(0, &self));
         };
-        if kind != "choice" {
+        if !is_key(&kind) {
             return ParamVisitor::visit_kind(&kind, map).map(FocusRecipe::DistanceM);
         }
-        let words: Vec<FocusRecipe> = map.next_value()?;
+        let choice = Choice::<FocusRecipe>::read(&kind, map)?;
         let is_plain = |word: &FocusRecipe| match word {
             FocusRecipe::Choice(_) => false,
             FocusRecipe::DistanceM(param) => matches!(param, Param::Constant(_)),
             _ => true,
         };
-        if words.is_empty() || !words.iter().all(is_plain) {
+        if choice.values.is_empty() || !choice.values.iter().all(is_plain) {
             return Err(de::Error::custom(
                 "choice must list one or more words or numbers (metres)",
             ));
         }
-        if let Some(second) = map.next_key::<String>()? {
-            return Err(de::Error::unknown_field(&second, &["choice"]));
-        }
-        Ok(FocusRecipe::Choice(words))
+        Ok(FocusRecipe::Choice(choice))
     }
 }

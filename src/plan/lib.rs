@@ -1,7 +1,9 @@
 //! Planning: turns a recipe (distributions) into scene lines (`render::line`), one resolved scene per line.
 //!
 //! ```text
-//! recipe, source, param, focus, light, train_recipe, training   the TOML file      recipe_check, source_check, training_check, recipe_schema   its rules
+//! recipe, source, param, choice, focus, glass, light, train_recipe, training   the TOML file
+//! recipe_check, source_check, glass_check, training_check, recipe_schema       its rules
+//! glazing                                         the named panes of glazings.toml
 //! diode, places, list                             list the photographs of a source
 //! split -> pair -> assign                         photographs to splits, pairs and scenes; substitutes for excluded ones
 //! draw, source_values, sections -> expand         random numbers, values of photographs; scene lines
@@ -15,6 +17,7 @@
 
 mod assign;
 mod check;
+mod choice;
 mod content;
 mod cost;
 mod diode;
@@ -23,6 +26,15 @@ mod draw;
 mod draw_scenes;
 mod expand;
 mod focus;
+mod glass;
+mod glass_check;
+#[cfg(test)]
+mod glass_tests;
+mod glazing;
+#[cfg(test)]
+mod glazing_films_tests;
+#[cfg(test)]
+mod glazing_tests;
 mod inputs;
 mod light;
 mod list;
@@ -51,6 +63,7 @@ pub use check::{InvalidInput, invalid_text};
 pub use cost::{Calibration, Cost, Estimate, cost};
 pub use drafting::{Drafted, draft};
 pub use draw_scenes::{RejectedScene, read_rejected, rejected_lines};
+pub use glazing::{Glazing, Glazings, glazings};
 pub use inputs::{InputFiles, LocalFiles, StoreUnavailable};
 pub use list::{PHOTOGRAPH_SCHEMA, parse_list};
 pub use places::{DEPTH_RANGES_SCHEMA, DepthRanges};

@@ -1,5 +1,6 @@
 //! A number of a recipe: a constant, a distribution with a draw per scene, or a value from a photograph.
 
+use super::choice::{Choice, is_key};
 use super::draw::normal_cdf;
 use render::line::limits::Limit;
 use schemars::JsonSchema;
@@ -8,7 +9,7 @@ use serde::de::{self, Deserializer, MapAccess, Visitor};
 use std::fmt;
 
 /// Names of all parameters that a recipe may have, as `Recipe::params` returns them.
-pub(crate) const PARAMETERS: [&str; 22] = [
+pub(crate) const PARAMETERS: [&str; 32] = [
     "film.width",
     "film.height",
     "film.spp",
@@ -25,6 +26,16 @@ pub(crate) const PARAMETERS: [&str; 22] = [
     "glass.absorption_per_m[2]",
     "glass.tilt_deg[0]",
     "glass.tilt_deg[1]",
+    "glass.roughness",
+    "glass.bow_radius_m",
+    "glass.outline.x_m[0]",
+    "glass.outline.x_m[1]",
+    "glass.outline.y_m[0]",
+    "glass.outline.y_m[1]",
+    "glass.outline.frame_m",
+    "glass.outline.frame_radiance[0]",
+    "glass.outline.frame_radiance[1]",
+    "glass.outline.frame_radiance[2]",
     "front.exposure",
     "front.exposure_ev",
     "front.illuminant_k",
@@ -44,8 +55,8 @@ pub enum Param {
     LogUniform([f64; 2]),
     /// `{ normal = { mean = m, std = s, min = a, max = b } }`: normal, truncated to the range from a to b.
     Normal(Normal),
-    /// `{ choice = [a, b, c] }`: a list of values with equal probabilities.
-    Choice(Vec<f64>),
+    /// `{ choice = [a, b, c], weights = [1, 1, 2] }`: a list of values; equal probabilities without weights.
+    Choice(Choice<f64>),
     /// `"from_source"`: a value from the back photograph for `back.*`, and from the front photograph otherwise.
     FromSource,
 }
@@ -85,11 +96,12 @@ impl Param {
             Self::Uniform([a, b]) | Self::LogUniform([a, b]) => (*a, *b),
             Self::Normal(normal) => (normal.min, normal.max),
             Self::FromSource => (f64::NEG_INFINITY, f64::INFINITY),
-            Self::Choice(values) => {
-                values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &v| {
+            Self::Choice(choice) => choice
+                .values
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), &v| {
                     (least.min(v), most.max(v))
-                })
-            }
+                }),
         }
     }
 
@@ -107,7 +119,7 @@ impl Param {
         }
         let (least, most) = self.bounds();
         let values = match self {
-            Self::Choice(values) => values.as_slice(),
+            Self::Choice(choice) => choice.values.as_slice(),
             _ => &[least, most],
         };
         values.iter().copied().find(|&v| !limit.contains(v))
@@ -154,7 +166,7 @@ impl Param {
                     ));
                 }
             }
-            Self::Choice(values) => {
+            Self::Choice(Choice { values, .. }) => {
                 if values.is_empty() || !values.iter().all(|v| v.is_finite()) {
                     return Err("choice must list one or more finite numbers".to_owned());
                 }
@@ -171,7 +183,7 @@ impl fmt::Display for Param {
             Self::Uniform([a, b]) => write!(f, "uniform {a} to {b}"),
             Self::LogUniform([a, b]) => write!(f, "log_uniform {a} to {b}"),
             Self::Normal(n) => write!(f, "normal {} to {}", n.min, n.max),
-            Self::Choice(values) => write!(f, "choice of {values:?}"),
+            Self::Choice(choice) => write!(f, "{choice}"),
             Self::FromSource => f.write_str("from_source"),
         }
     }
@@ -192,7 +204,7 @@ impl<'de> Visitor<'de> for ParamVisitor {
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(
             "a number, { uniform = [a, b] }, { log_uniform = [a, b] }, { normal = { mean, std, min, \
-             max } }, { choice = [..] } or \"from_source\"",
+             max } }, { choice = [..], weights = [..] } or \"from_source\"",
         )
     }
 
@@ -230,14 +242,22 @@ impl ParamVisitor {
         mut map: A,
     ) -> Result<Param, A::Error> {
         const KINDS: &[&str] = &["uniform", "log_uniform", "normal", "choice"];
+        if is_key(kind) {
+            let param = Param::Choice(Choice::read(kind, map)?);
+            return param.check().map_err(de::Error::custom);
+        }
         let param = match kind {
             "uniform" => Param::Uniform(map.next_value()?),
             "log_uniform" => Param::LogUniform(map.next_value()?),
             "normal" => Param::Normal(map.next_value()?),
-            "choice" => Param::Choice(map.next_value()?),
             other => return Err(de::Error::unknown_field(other, KINDS)),
         };
         if let Some(second) = map.next_key::<String>()? {
+            if second == "weights" {
+                return Err(de::Error::custom(format!(
+                    "weights belong to choice, not to {kind}: remove them"
+                )));
+            }
             return Err(de::Error::custom(format!(
                 "a parameter has one distribution, not {kind} and {second}"
             )));
@@ -270,6 +290,11 @@ mod tests {
         let normal = parse("{ normal = { mean = 1, std = 2, min = -1, max = 3 } }").unwrap();
         assert_eq!(normal.bounds(), (-1.0, 3.0));
         assert_eq!(parse("{ choice = [3, 1, 2] }").unwrap().bounds(), (1.0, 3.0));
+        let weighted = parse("{ choice = [3, 1], weights = [1, 0.5] }").unwrap();
+        let weights = Some(vec![1.0, 0.5]);
+        assert_eq!(weighted, Param::Choice(Choice { values: vec![3.0, 1.0], weights }));
+        assert_eq!(parse("{ weights = [1, 0.5], choice = [3, 1] }").unwrap(), weighted);
+        assert_eq!(weighted.to_string(), "choice of [3.0, 1.0] with weights [1.0, 0.5]");
     }
 
     #[test]
@@ -289,6 +314,16 @@ mod tests {
             ("{ normal = { mean = 1, std = 1, min = 0 } }", "missing field `max`"),
             ("{ normal = { mean = 0, std = 1, min = 20, max = 30 } }", "never falls"),
             ("{ choice = [] }", "one or more"),
+            ("{ choice = [1, nan] }", "one or more finite numbers"),
+            ("{ choice = [], weights = [] }", "one or more"),
+            ("{ choice = [1, 2], weights = [1] }", "choice and weights have 2 and 1 entries"),
+            ("{ choice = [1, 2], weights = [1, -1] }", "weights has -1, but each must be finite"),
+            ("{ choice = [1, 2], weights = [1, inf] }", "weights has inf, but each must be finite"),
+            ("{ choice = [1, 2], weights = [0, 0] }", "weights add up to 0, but must"),
+            ("{ choice = [1, 2], weights = [1e308, 1e308] }", "weights add up to inf, but must"),
+            ("{ weights = [1, 2] }", "weights need choice = [..]"),
+            ("{ uniform = [1, 2], weights = [1, 1] }", "weights belong to choice, not to uniform"),
+            ("{ choice = [1], wieghts = [1] }", "not choice and wieghts: only weights may"),
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(message), "{text}: {error}");

@@ -1,6 +1,7 @@
 //! `glasshouse.recipe/1`: the distributions of a data set. Defaults are the paper's constants.
 
 use super::focus::FocusRecipe;
+use super::glass::GlassRecipe;
 use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
 use super::param::Param;
 use super::places::depth_root;
@@ -125,34 +126,6 @@ impl Default for CameraRecipe {
     }
 }
 
-/// `[glass]`: position, thickness and material of the pane.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct GlassRecipe {
-    /// Distance of the front face from the lens along the axis, m. Default 0.30.
-    pub distance_m: Param,
-    /// Thickness, m. Default 0.010.
-    pub thickness_m: Param,
-    /// Index of refraction. Default 1.6.
-    pub ior: Param,
-    /// Absorption coefficients of red, green and blue, per metre of path. Default 0.
-    pub absorption_per_m: [Param; 3],
-    /// Pitch and yaw, degrees. Default 0: perpendicular to the axis.
-    pub tilt_deg: [Param; 2],
-}
-
-impl Default for GlassRecipe {
-    fn default() -> Self {
-        Self {
-            distance_m: Param::Constant(0.30),
-            thickness_m: Param::Constant(0.010),
-            ior: Param::Constant(1.6),
-            absorption_per_m: [const { Param::Constant(0.0) }; 3],
-            tilt_deg: [const { Param::Constant(0.0) }; 2],
-        }
-    }
-}
-
 /// `[front]`: light of the front.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -242,7 +215,7 @@ impl BackRecipe {
 impl Recipe {
     /// Returns all numbers that scenes draw, with their keys.
     pub fn params(&self) -> Vec<(String, &Param)> {
-        let (film, camera, glass) = (&self.film, &self.camera, &self.glass);
+        let (film, camera) = (&self.film, &self.camera);
         let mut params: Vec<(String, &Param)> = [
             ("film.width", &film.width),
             ("film.height", &film.height),
@@ -250,9 +223,6 @@ impl Recipe {
             ("film.order_tolerance", &film.order_tolerance),
             ("camera.focal_length_mm", &camera.focal_length_mm),
             ("camera.aperture_radius_m", &camera.aperture_radius_m),
-            ("glass.distance_m", &glass.distance_m),
-            ("glass.thickness_m", &glass.thickness_m),
-            ("glass.ior", &glass.ior),
         ]
         .map(|(key, param)| (key.to_owned(), param))
         .into();
@@ -264,12 +234,7 @@ impl Recipe {
                 params.push(("camera.focus".to_owned(), param));
             }
         }
-        for (index, param) in glass.absorption_per_m.iter().enumerate() {
-            params.push((format!("glass.absorption_per_m[{index}]"), param));
-        }
-        for (index, param) in glass.tilt_deg.iter().enumerate() {
-            params.push((format!("glass.tilt_deg[{index}]"), param));
-        }
+        params.extend(self.glass.params());
         for (name, light) in [("front", self.front.light()), ("back", self.back.light())] {
             params.push((format!("{name}.exposure"), light.exposure));
             for (key, param) in
@@ -295,6 +260,7 @@ impl Recipe {
     /// Parses and checks a recipe.
     pub fn parse(text: &str) -> Result<Self, RecipeError> {
         let recipe: Self = toml::from_str(text).map_err(Box::new)?;
+        recipe.glass.check_given(text)?;
         recipe.check()?;
         Ok(recipe)
     }
@@ -324,6 +290,7 @@ impl Recipe {
 
 #[cfg(test)]
 pub(super) mod tests {
+    use super::super::glass::OutlineRecipe;
     use super::*;
     use render::line::{DepthKind, Intrinsics};
 
@@ -365,6 +332,14 @@ pairs = { diode = 120, places = 80 }
                         [back]\nexposure_ev = 1\nilluminant_k = 5000\n[sources.diode]";
         let text = PAPER.replacen("[sources.diode]", optional, 1);
         let mut recipe = Recipe::parse(&text).unwrap();
+        recipe.glass.roughness = Some(Param::Constant(0.01));
+        recipe.glass.bow_radius_m = Some(Param::Constant(8.0));
+        recipe.glass.outline = Some(OutlineRecipe {
+            x_m: [-0.1, 0.1].map(Param::Constant),
+            y_m: [-0.1, 0.1].map(Param::Constant),
+            frame_m: Param::Constant(0.0),
+            frame_radiance: [0.0; 3].map(Param::Constant),
+        });
         recipe.camera.f_number = Some(Param::Constant(4.0));
         recipe.camera.focus = FocusRecipe::DistanceM(Param::Constant(2.0));
         let names: std::collections::BTreeSet<_> =
@@ -410,8 +385,8 @@ pairs = { diode = 120, places = 80 }
         let paper = GlassRecipe::default();
         assert_eq!(smoke.glass.ior, paper.ior);
         assert_eq!(smoke.glass.distance_m, paper.distance_m);
-        assert_eq!(smoke.glass.thickness_m, Param::Choice(vec![0.01, 0.04]));
-        assert_eq!(smoke.glass.tilt_deg[1], Param::Choice(vec![0.0, 30.0]));
+        assert_eq!(smoke.glass.thickness_m, Param::Choice(vec![0.01, 0.04].into()));
+        assert_eq!(smoke.glass.tilt_deg[1], Param::Choice(vec![0.0, 30.0].into()));
         let pairs: u32 = smoke.splits.iter().flat_map(|s| s.pairs.values()).sum();
         assert_eq!(pairs, 8);
     }

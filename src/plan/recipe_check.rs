@@ -124,6 +124,7 @@ impl Recipe {
         {
             return bad("camera.f_number", "conflicts with aperture_radius_m: remove one of them");
         }
+        self.glass.check()?;
         self.check_reject()
     }
 

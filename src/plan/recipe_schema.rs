@@ -1,6 +1,7 @@
 //! JSON Schema of a recipe, for editors: `manifests/recipe.schema.json`, generated from the types that parse recipes.
 
 use super::focus::FocusRecipe;
+use super::glazing::{GlazingRecipe, glazings};
 use super::param::{Normal, Param};
 use super::recipe::{RECIPE_SCHEMA, Recipe};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -16,6 +17,22 @@ pub fn recipe_schema() -> Value {
     value
 }
 
+/// Returns the schema of a choice of `items`.
+fn choice_of(items: &Schema) -> Schema {
+    json_schema!({
+        "type": "object",
+        "properties": {
+            "choice": { "type": "array", "minItems": 1, "items": items },
+            "weights": {
+                "description": "Relative probabilities, one for each entry of choice. Default: all are equal.",
+                "type": "array", "minItems": 1, "items": { "type": "number", "minimum": 0 },
+            },
+        },
+        "required": ["choice"],
+        "additionalProperties": false,
+    })
+}
+
 impl JsonSchema for Param {
     fn schema_name() -> Cow<'static, str> {
         "Param".into()
@@ -29,7 +46,6 @@ impl JsonSchema for Param {
                 "type": "object", "properties": { key: of }, "required": [key], "additionalProperties": false,
             })
         };
-        let many = json_schema!({ "type": "array", "items": { "type": "number" }, "minItems": 1 });
         json_schema!({
             "description": "A constant, a distribution that each scene draws from, or the value in the photograph's record.",
             "anyOf": [
@@ -38,7 +54,7 @@ impl JsonSchema for Param {
                 one("uniform", &ends),
                 one("log_uniform", &ends),
                 one("normal", &normal),
-                one("choice", &many),
+                choice_of(&json_schema!({ "type": "number" })),
             ],
         })
     }
@@ -56,15 +72,23 @@ impl JsonSchema for FocusRecipe {
             "anyOf": [
                 words,
                 generator.subschema_for::<Param>(),
-                {
-                    "type": "object",
-                    "properties": {
-                        "choice": { "type": "array", "minItems": 1, "items": { "anyOf": [words, { "type": "number" }] } },
-                    },
-                    "required": ["choice"],
-                    "additionalProperties": false,
-                },
+                choice_of(&json_schema!({ "anyOf": [words, { "type": "number" }] })),
             ],
+        })
+    }
+}
+
+impl JsonSchema for GlazingRecipe {
+    fn schema_name() -> Cow<'static, str> {
+        "Glazing".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let names: Vec<&String> = glazings().by_name.keys().collect();
+        let names = json_schema!({ "enum": names });
+        json_schema!({
+            "description": "The name of a glazing of docs/glass.md, or a choice of names.",
+            "anyOf": [names, choice_of(&names)],
         })
     }
 }
@@ -106,6 +130,9 @@ mod tests {
             ("ior = 1.6", "ior = \"glassy\""),
             ("ior = 1.6", "ior = { unifrom = [1, 2] }"),
             ("ior = 1.6", "iro = 1.6"),
+            ("ior = 1.6", "ior = { choice = [1.5, 1.6], weights = [1, -1] }"),
+            ("thickness_m = 0.010\nior = 1.6", "glazing = \"window\""),
+            ("ior = 1.6", "outline = { x_m = [0, 1] }"),
             ("focus = \"front_center\"", "focus = \"nowhere\""),
             ("[camera]", "[light]\nscale = \"bright\"\n[camera]"),
             ("layout = \"diode\"", "layout = \"dioed\""),

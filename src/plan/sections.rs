@@ -1,4 +1,4 @@
-//! Draws the sections of a scene line: `film`, `camera`, `glass`, `front` and `back`.
+//! Draws the sections of a scene line: `film`, `camera`, `front` and `back`. `glass.rs` draws `glass`.
 
 use super::diode::SourceImage;
 use super::draw::{Draw, nine_digits};
@@ -7,7 +7,7 @@ use super::light::{SideLight, illuminant};
 use super::list;
 use super::recipe::Recipe;
 use super::source::Source;
-use render::line::{Camera, DepthKind, Film, Focus, FocusAt, Glass, Photograph, Side};
+use render::line::{Camera, DepthKind, Film, Focus, FocusAt, Photograph, Side};
 
 pub(super) fn film(recipe: &Recipe, draw: Draw<'_>) -> Film {
     let film = &recipe.film;
@@ -34,13 +34,9 @@ pub(super) fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
         }
         None => draw.value("camera.aperture_radius_m", &camera.aperture_radius_m),
     };
-    let choices = camera.focus.each();
-    let chosen = match choices {
-        [one] => one,
-        many => {
-            let place = (draw.unit("camera.focus") * many.len() as f64) as usize;
-            &many[place.min(many.len() - 1)]
-        }
+    let chosen = match &camera.focus {
+        FocusRecipe::Choice(choice) => draw.pick("camera.focus", choice),
+        one => one,
     };
     let at = |at| Focus::At { at };
     Camera {
@@ -60,27 +56,6 @@ pub(super) fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
         },
         exposure: 1.0,
         white_balance: [1.0; 3],
-    }
-}
-
-pub(super) fn glass(recipe: &Recipe, draw: Draw<'_>) -> Glass {
-    let glass = &recipe.glass;
-    let each = |name: &str, index: usize, param| draw.value(&format!("{name}[{index}]"), param);
-    Glass {
-        distance_m: draw.value("glass.distance_m", &glass.distance_m),
-        thickness_m: draw.value("glass.thickness_m", &glass.thickness_m),
-        ior: draw.value("glass.ior", &glass.ior),
-        absorption_per_m: std::array::from_fn(|index| {
-            each("glass.absorption_per_m", index, &glass.absorption_per_m[index])
-        }),
-        tilt_deg: std::array::from_fn(|index| {
-            each("glass.tilt_deg", index, &glass.tilt_deg[index])
-        }),
-        layers: vec![],
-        coatings: vec![],
-        bow_radius_m: None,
-        roughness: None,
-        outline: None,
     }
 }
 

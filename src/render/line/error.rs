@@ -33,6 +33,8 @@ pub enum LineError {
          must be +1; to scale the mesh, use unit_m"
     )]
     NoRotation { field: String },
+    #[error("glass.glazing is {found:?}, but must be 1 to {most} characters of [a-z0-9.-]")]
+    GlazingName { found: String, most: usize },
     /// A pane with more layers than a path can cross.
     #[error("glass.layers has {found} layers, but at most {most} are allowed")]
     Layers { found: usize, most: usize },

@@ -18,6 +18,8 @@ pub struct Glass {
     pub absorption_per_m: [f64; 3],
     /// `[pitch, yaw]`: rotation about +x, then +y, right-handed; pivot (0, 0, distance_m).
     pub tilt_deg: [f64; 2],
+    /// Name of the glazing from which a recipe took the pane: for readers, not for the tracer.
+    pub glazing: Option<String>,
     /// Layers from the camera outwards, in place of thickness, index and absorption; empty for a plain pane.
     pub layers: Vec<GlassLayer>,
     /// Coatings, at most one for each face.
@@ -80,6 +82,8 @@ struct GlassKeys {
     absorption_per_m: Option<[f64; 3]>,
     #[serde(default)]
     tilt_deg: [f64; 2],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    glazing: Option<String>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     layers: Vec<GlassLayer>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -113,13 +117,7 @@ impl TryFrom<GlassKeys> for Glass {
             if let Some((key, _)) = plain.into_iter().find(|(_, given)| *given) {
                 return Err(format!("glass has `layers` and `{key}`: keep only one of them"));
             }
-            let thickness_m = layers.iter().map(GlassLayer::thickness_m).sum();
-            let glass = layers.iter().find_map(|layer| match *layer {
-                GlassLayer::Glass { ior, absorption_per_m, .. } => Some((ior, absorption_per_m)),
-                GlassLayer::Gap { .. } => None,
-            });
-            let (ior, absorption_per_m) = glass.ok_or("glass.layers have no layer of glass")?;
-            (thickness_m, ior, absorption_per_m)
+            of_stack(&layers).ok_or("glass.layers have no layer of glass")?
         };
         Ok(Self {
             distance_m,
@@ -127,6 +125,7 @@ impl TryFrom<GlassKeys> for Glass {
             ior,
             absorption_per_m,
             tilt_deg,
+            glazing: keys.glazing,
             layers,
             coatings,
             bow_radius_m: keys.bow_radius_m,
@@ -145,12 +144,38 @@ impl From<Glass> for GlassKeys {
             ior: is_plain.then_some(glass.ior),
             absorption_per_m: is_plain.then_some(glass.absorption_per_m),
             tilt_deg: glass.tilt_deg,
+            glazing: glass.glazing,
             layers: glass.layers,
             coatings: glass.coatings,
             bow_radius_m: glass.bow_radius_m,
             roughness: glass.roughness,
             outline: glass.outline,
         }
+    }
+}
+
+/// Returns the thickness of layers together, and index and absorption of the first glass, if there is one.
+fn of_stack(layers: &[GlassLayer]) -> Option<(f64, f64, [f64; 3])> {
+    let thickness_m = layers.iter().map(GlassLayer::thickness_m).sum();
+    layers.iter().find_map(|layer| match *layer {
+        GlassLayer::Glass { ior, absorption_per_m, .. } => {
+            Some((thickness_m, ior, absorption_per_m))
+        }
+        GlassLayer::Gap { .. } => None,
+    })
+}
+
+impl Glass {
+    /// Replaces the layers. One layer of glass becomes a plain pane, without `layers`.
+    ///
+    /// # Panics
+    ///
+    /// If no layer is glass.
+    pub fn set_layers(&mut self, layers: &[GlassLayer]) {
+        let (thickness_m, ior, absorption_per_m) = of_stack(layers).expect("a pane has glass");
+        (self.thickness_m, self.ior) = (thickness_m, ior);
+        self.absorption_per_m = absorption_per_m;
+        self.layers = if layers.len() == 1 { vec![] } else { layers.to_vec() };
     }
 }
 
@@ -191,6 +216,23 @@ mod tests {
     }
 
     #[test]
+    fn a_single_layer_is_a_plain_pane() {
+        let mut glass = with_glass(DOUBLE).unwrap().glass;
+        let layers = glass.layers.clone();
+        glass.coatings.clear();
+        glass.set_layers(&layers[2..]);
+        glass.glazing = Some("single-6".to_owned());
+        let text = serde_json::to_string(&glass).unwrap();
+        let wanted = r#"{"distance_m":0.4,"thickness_m":0.006,"ior":1.5,"absorption_per_m":[0.0,0.0,0.0],"tilt_deg":[5.0,20.0],"glazing":"single-6"}"#;
+        assert_eq!(text, wanted);
+        assert_eq!(with_glass(&text).unwrap().glass, glass);
+        // The thickness of several layers is that of a line which is read.
+        glass.set_layers(&layers);
+        let text = serde_json::to_string(&glass).unwrap();
+        assert_eq!(with_glass(&text).unwrap().glass, glass);
+    }
+
+    #[test]
     fn errors_say_what_to_change() {
         let coated = |coating: &str| {
             format!(r#"{{"distance_m":1,"thickness_m":0.01,"ior":1.5,"coatings":[{coating}]}}"#)
@@ -200,6 +242,9 @@ mod tests {
         };
         let rough = |roughness: &str| {
             format!(r#"{{"distance_m":1,"thickness_m":0.01,"ior":1.5,"roughness":{roughness}}}"#)
+        };
+        let named = |name: &str| {
+            format!(r#"{{"distance_m":1,"thickness_m":0.01,"ior":1.5,"glazing":"{name}"}}"#)
         };
         let layers = |layers: &str| format!(r#"{{"distance_m":1,"layers":[{layers}]}}"#);
         let even = r#""reflectance":[0.5,0.5,0.5],"transmittance":[0.5,0.5,0.5]"#;
@@ -243,6 +288,9 @@ mod tests {
                 layers(r#"{"glass_m":0.01,"ior":1.5}"#).replace("}]}", r#"}],"bow_radius_m":8}"#),
                 "glass.bow_radius_m bends a plain pane only: remove glass.layers and glass.coatings",
             ),
+            (named(""), "glass.glazing is \"\", but must be 1 to 64 characters of [a-z0-9.-]"),
+            (named("Double"), "glass.glazing is \"Double\", but must be 1 to 64 characters"),
+            (named(&"a".repeat(65)), "but must be 1 to 64 characters of [a-z0-9.-]"),
             (rough("0.2"), "glass.roughness is 0.2, but must be 0 to 0.1"),
             (rough("[0.01]"), "glass.roughness lists 1 value, but the pane has 2 faces"),
             (rough("[0.01,-1]"), "glass.roughness[1] is -1, but must be 0 to 0.1"),

@@ -88,7 +88,7 @@ fn row(key: &str) -> Option<Limit> {
         "glass.ior" | "layers.ior" => Limit::between(1.0, 10.0, "1 to 10"),
         "coatings.reflectance" | "coatings.transmittance" => Limit::between(0.0, 1.0, "0 to 1"),
         "glass.roughness" => Limit::between(0.0, 0.1, "0 to 0.1"),
-        "outline.x_m" | "outline.y_m" | "cards.center_m" => FINITE,
+        "glass.bow_radius_m" | "outline.x_m" | "outline.y_m" | "cards.center_m" => FINITE,
         "outline.frame_m" | "outline.frame_radiance" => FROM_0,
         "cards.distance_m" | "cards.width_m" => ABOVE_0,
         "glass.tilt_deg" => BELOW_90_DEG,

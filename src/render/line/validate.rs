@@ -44,6 +44,7 @@ impl SceneLine {
                 ("focus.distance_m", focus_distance_m.as_slice()),
             ],
         )?;
+        glazing(glass)?;
         // The layers come first, because an error in one of them also shows in their sum.
         layers(glass)?;
         all_within(
@@ -66,6 +67,19 @@ impl SceneLine {
             return Err(LineError::ApexOfFront);
         }
         Ok(())
+    }
+}
+
+/// Largest number of characters in the name of a glazing.
+const MAX_NAME: usize = 64;
+
+fn glazing(glass: &Glass) -> Result<(), LineError> {
+    let is_allowed = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit() || b".-".contains(&c);
+    match &glass.glazing {
+        Some(name) if !(1..=MAX_NAME).contains(&name.len()) || !name.bytes().all(is_allowed) => {
+            Err(LineError::GlazingName { found: name.clone(), most: MAX_NAME })
+        }
+        _ => Ok(()),
     }
 }
 

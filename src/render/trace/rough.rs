@@ -95,7 +95,12 @@ impl RoughPane {
             .each_ref()
             .map(|(paths, _)| paths.iter().map(|path| path.max_weight).collect::<Vec<f64>>());
         let tails = sides.each_ref().map(|(_, left)| *left);
-        let plan = OrderPlan::of_weights(weights, tails, max_radiance, tolerance);
+        let plan = OrderPlan::of_weights(
+            weights.each_ref().map(Vec::as_slice),
+            tails,
+            max_radiance,
+            tolerance,
+        );
         let curvature_per_m = bow.map_or(0.0, |bow| bow.curvature_per_m);
         let mut distinct: Vec<f64> = vec![];
         for alpha in alphas {
@@ -110,7 +115,7 @@ impl RoughPane {
         let pane = Self {
             paths: [0, 1].map(|side: usize| sides[side].0.iter().map(prepare).collect()),
             alphas: distinct.iter().map(|alpha| *alpha as f32).collect(),
-            axes: [across, normal.cross(across), normal].map(|axis| axis.as_vec3()),
+            axes: [across, normal.cross(across), normal].map(DVec3::as_vec3),
             distance_m: distance_m as f32,
             curvature_per_m: curvature_per_m as f32,
             is_coloured: stack.is_coloured(),

@@ -96,6 +96,7 @@ impl SeedLanes {
 
 impl PixelSeed {
     /// Derives the seeds whose first pair is that of the facet at meeting `k` of a path with rough faces.
+    #[must_use]
     pub fn of_meeting(&self, k: u32) -> Self {
         let salt = mix32(k.wrapping_add(1));
         let derive = |seed: u32| mix32(seed ^ salt);

@@ -280,6 +280,7 @@ fn plan(sides: &[(Vec<Candidate>, f64); 2], max_radiance: [f64; 2], tolerance: f
     let weights = [0, 1].map(|side: usize| {
         sides[side].0.iter().map(|candidate| largest(&candidate.weights)).collect::<Vec<f64>>()
     });
+    let weights = weights.each_ref().map(Vec::as_slice);
     OrderPlan::of_weights(weights, sides.each_ref().map(|side| side.1), max_radiance, tolerance)
 }
 

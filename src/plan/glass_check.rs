@@ -1,0 +1,180 @@
+//! Checks `[glass]` of a recipe: keys that exclude each other, and ranges beyond those of single numbers.
+
+use super::glass::{GlassRecipe, OutlineRecipe};
+use super::glazing::named;
+use super::param::Param;
+use super::recipe_check::bad;
+use super::recipe_error::RecipeError;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+impl GlassRecipe {
+    /// Refuses a recipe whose text gives a glazing together with a key that the glazing replaces. The parsed recipe does not
+    /// show whether a key is given, because it has defaults.
+    pub(super) fn check_given(&self, text: &str) -> Result<(), RecipeError> {
+        #[derive(Deserialize)]
+        struct Given {
+            glass: BTreeMap<String, toml::Value>,
+        }
+        if self.glazing.is_none() {
+            return Ok(());
+        }
+        let given: Given = toml::from_str(text).map_err(Box::new)?;
+        let replaced = ["thickness_m", "ior", "absorption_per_m"];
+        match replaced.into_iter().find(|key| given.glass.contains_key(*key)) {
+            None => Ok(()),
+            Some(key) => bad(
+                "glass.glazing",
+                format!(
+                    "names the layers of the pane, and glass.{key} is given, too: remove one of them"
+                ),
+            ),
+        }
+    }
+
+    /// Checks what the table of limits does not know.
+    pub(super) fn check(&self) -> Result<(), RecipeError> {
+        self.check_bow()?;
+        self.outline.as_ref().map_or(Ok(()), OutlineRecipe::check)
+    }
+
+    fn check_bow(&self) -> Result<(), RecipeError> {
+        const KEY: &str = "glass.bow_radius_m";
+        let Some(radius) = &self.bow_radius_m else {
+            return Ok(());
+        };
+        let names = self.glazings().map_or(&[][..], |names| &names.values);
+        let is_stack = |name: &&String| named(name).is_some_and(|glazing| !glazing.is_plain());
+        if let Some(name) = names.iter().find(is_stack) {
+            return bad(
+                KEY,
+                format!(
+                    "bends single uncoated panes only, but glass.glazing can be {name:?}: remove {KEY}, or take this \
+                     name out of glass.glazing"
+                ),
+            );
+        }
+        let (least, most) = radius.bounds();
+        let can_be_0 = match radius {
+            Param::Choice(choice) => choice.values.contains(&0.0),
+            Param::FromSource => false,
+            _ => (least..=most).contains(&0.0),
+        };
+        if can_be_0 {
+            return bad(
+                KEY,
+                format!(
+                    "({radius}) can be 0, but must stay above or below 0: leave it out for flat panes, and list radii of \
+                     both signs in a choice"
+                ),
+            );
+        }
+        Ok(())
+    }
+}
+
+impl OutlineRecipe {
+    fn check(&self) -> Result<(), RecipeError> {
+        for (key, [low, high]) in [("x_m", &self.x_m), ("y_m", &self.y_m)] {
+            if [low, high].contains(&&Param::FromSource) {
+                // The edges of each photograph are checked with its scene line.
+                continue;
+            }
+            let (least, most) = (high.bounds().0, low.bounds().1);
+            if most >= least {
+                return bad(
+                    &format!("glass.outline.{key}"),
+                    format!(
+                        "can begin at {most} and end at {least}, but must begin before it ends: separate the ranges of its \
+                         two numbers"
+                    ),
+                );
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::recipe::Recipe;
+    use super::super::recipe::tests::PAPER;
+
+    /// Parses the paper's recipe with other keys of the pane's make.
+    fn error(keys: &str) -> String {
+        let text = PAPER.replacen("thickness_m = 0.010\nior = 1.6", keys, 1);
+        assert_ne!(text, PAPER);
+        Recipe::parse(&text).expect_err(keys).to_string()
+    }
+
+    #[test]
+    fn errors_say_what_to_change() {
+        for (keys, message) in [
+            ("glazing = \"single-5\"", "unknown glazing \"single-5\", expected one of "),
+            ("glazing = \"single-5\"", "line 15"),
+            ("glazing = 4", "expected the name of a glazing, or { choice = [names]"),
+            ("glazing = {}", "expected the name of a glazing"),
+            ("glazing = { choise = [\"single-4\"] }", "unknown field `choise`, expected `choice`"),
+            ("glazing = { choice = [] }", "choice must list one or more names of glazings"),
+            (
+                "glazing = { choice = [\"single-4\", \"window\"] }",
+                "unknown glazing \"window\", expected one of ",
+            ),
+            (
+                "glazing = { choice = [\"single-4\", \"single-6\"], weights = [1] }",
+                "choice and weights have 2 and 1 entries",
+            ),
+            (
+                "glazing = \"single-4\"\nthickness_m = 0.010",
+                "key glass.glazing names the layers of the pane, and glass.thickness_m is given, too: remove one",
+            ),
+            ("glazing = \"single-4\"\nior = 1.6", "and glass.ior is given, too"),
+            (
+                "glazing = \"single-4\"\nabsorption_per_m = [0, 0, 0]",
+                "and glass.absorption_per_m is given, too",
+            ),
+            ("roughness = 0.2", "key glass.roughness is 0.2, but must be 0 to 0.1"),
+            ("roughness = { uniform = [0, 1] }", "(uniform 0 to 1) can be 1, but must be 0 to 0.1"),
+            ("bow_radius_m = 0", "glass.bow_radius_m (0) can be 0, but must stay above or below 0"),
+            ("bow_radius_m = { uniform = [-8, 8] }", "(uniform -8 to 8) can be 0, but must stay"),
+            ("bow_radius_m = { choice = [-8, 0] }", "can be 0, but must stay above or below 0"),
+            (
+                "bow_radius_m = 8\nglazing = { choice = [\"single-4\", \"double-4-16-4\"] }",
+                "key glass.bow_radius_m bends single uncoated panes only, but glass.glazing can be \"double-4-16-4\"",
+            ),
+            ("bow_radius_m = 8\nglazing = \"museum-ar\"", "glass.glazing can be \"museum-ar\""),
+            ("outline = { x_m = [0, 1] }", "missing field `y_m`"),
+            ("outline = { x_m = [0, 1], y_m = [0, 1], frame = 1 }", "unknown field `frame`"),
+            (
+                "outline = { x_m = [0.1, 0.1], y_m = [0, 1] }",
+                "key glass.outline.x_m can begin at 0.1 and end at 0.1, but must begin before it ends",
+            ),
+            (
+                "outline = { x_m = [0, 1], y_m = [{ uniform = [-1, 0.3] }, { uniform = [0.2, 1] }] }",
+                "key glass.outline.y_m can begin at 0.3 and end at 0.2",
+            ),
+            (
+                "outline = { x_m = [0, 1], y_m = [0, 1], frame_m = -1 }",
+                "glass.outline.frame_m is -1, but must be finite and at least 0",
+            ),
+            (
+                "outline = { x_m = [0, 1], y_m = [0, 1], frame_radiance = [0, -1, 0] }",
+                "glass.outline.frame_radiance[1] is -1",
+            ),
+        ] {
+            let error = error(keys);
+            assert!(error.contains(message), "{keys}: {error}");
+        }
+    }
+
+    #[test]
+    fn panes_that_can_be_bent_are_accepted() {
+        for keys in [
+            "bow_radius_m = { choice = [-8, 8] }\nglazing = { choice = [\"single-4\", \"single-6\"] }",
+            "bow_radius_m = { uniform = [-9, -3] }",
+            "bow_radius_m = \"from_source\"",
+        ] {
+            Recipe::parse(&PAPER.replacen("thickness_m = 0.010\nior = 1.6", keys, 1)).unwrap();
+        }
+    }
+}
