@@ -134,7 +134,7 @@ pub(super) fn draw_line(
             .chain(names.map(|names| format!("glass.glazing ({names})")))
             .collect::<Vec<_>>()
             .join(", "),
-        source: last_error.expect("there was at least one attempt"),
+        source: Box::new(last_error.expect("there was at least one attempt")),
     })
 }
 

@@ -43,7 +43,7 @@ pub enum RecipeError {
         attempts: u32,
         /// Parameters of the geometry with their ranges.
         ranges: String,
-        source: GeometryError,
+        source: Box<GeometryError>,
     },
     #[error(
         "scene {id}: {parameter} is from_source, but {photograph} has no value: add it to \"values\" in the \
