@@ -11,7 +11,7 @@ use image::{ExtendedColorType, ImageEncoder};
 /// Kind of a cover.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum CoverKind {
-    /// A person behind the lens who holds a camera or a telephone.
+    /// A person with a camera or a telephone, behind the lens.
     Photographer,
     /// Horizontal slats and their cords.
     Blind,
