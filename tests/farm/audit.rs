@@ -6,6 +6,7 @@ use crate::support::outputs::manifest;
 use crate::support::program::{run, text};
 use crate::support::scenes::{Place, SCENES, partials, place, put_partials};
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, WritableImage, f16, read};
+use render::label::LabelImages;
 use render::partial::{Maker, Partial};
 use serde_json::json;
 use std::path::Path;
@@ -99,7 +100,7 @@ fn partials_are_compared_unless_inputs_have_changed() {
     let (header, mut pixels) = (made[1].header.clone(), made[1].pixels.clone());
     pixels[7].mean[0][0] += 1.0;
     // This partial has a valid digest and a wrong pixel.
-    made[1] = Partial::new(header, pixels, Default::default());
+    made[1] = Partial::new(header, pixels, LabelImages::new());
     // Any worker may have made an equal partial.
     made[2].maker = Some(Maker { worker: "another-1".to_owned(), host: "another".to_owned() });
     put_partials(&place.run, &id, &made);

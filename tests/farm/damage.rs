@@ -3,6 +3,7 @@
 use crate::support::outputs::{assert_same, assert_tidy, manifest, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{SCENES, SHARDS, partials, place, put_partials, reference};
+use render::label::LabelImages;
 use render::partial::{Partial, decode, encode};
 use std::path::Path;
 
@@ -20,7 +21,7 @@ fn damaged_partials_are_traced_again() {
     let digest = of_other_inputs.inputs.0.get_mut("front.depth").unwrap();
     *digest = "0".repeat(64);
     let of_other_inputs =
-        Partial::new(of_other_inputs, good[13].pixels.clone(), Default::default());
+        Partial::new(of_other_inputs, good[13].pixels.clone(), LabelImages::new());
     // Partials with a right digest that no tracer writes.
     let forged = |shard: usize, forge: &dyn Fn(&mut Partial)| {
         let mut partial = good[shard].clone();
