@@ -146,17 +146,13 @@ impl<'a> Sheet<'a> {
 
     /// Returns the radiance along a line, and the position of its hit in lengths of `d`.
     fn seen(&self, origin: DVec3, d: DVec3) -> ([f64; 3], f64) {
-        match self.first_hit(origin, d) {
-            Some(hit) => (self.radiance(hit), (hit - origin).dot(d) / d.length_squared()),
-            // Rough faces scatter a little light along the film; it meets the border's continuation far away.
-            None => {
-                assert!(
-                    d.z < 0.02 * d.length(),
-                    "the border continues, so every steep line meets the sheet"
-                );
-                (self.radiance(DVec3::new(d.x, d.y, d.z.max(1e-4))), f64::INFINITY)
-            }
+        if let Some(hit) = self.first_hit(origin, d) {
+            return (self.radiance(hit), (hit - origin).dot(d) / d.length_squared());
         }
+        // Rough faces scatter a little light along the film; it meets the border's continuation far away.
+        let is_flat = d.z < 0.02 * d.length();
+        assert!(is_flat, "the border continues, so every steep line meets the sheet");
+        (self.radiance(DVec3::new(d.x, d.y, d.z.max(1e-4))), f64::INFINITY)
     }
 
     /// Returns the coordinate of a point on axis `k` of the photograph; texel centres are at integers.
