@@ -78,7 +78,7 @@ impl Loaded {
 
     /// Replaces the line's seed, `spp` and layers, and renders these layers. The images of other layers become empty.
     ///
-    /// The images have the same bits as in a run of a line with this seed, `spp` and these layers.
+    /// Labels of the set are not returned; [`Self::tuple`] has them. The images have the same bits as in a run of a line with this seed, `spp` and these layers.
     /// Panics if `spp` is not a power of two.
     pub fn render(
         &mut self,
