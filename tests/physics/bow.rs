@@ -1,6 +1,6 @@
 //! Bent panes, compared with rays that are followed explicitly from sphere to sphere.
 
-use crate::case::{CLEAN, Case, GLASS, I, Photo, T, noise};
+use crate::case::{CLEAN, Case, GLASS, I, T, bumpy};
 use crate::optics::{Exit, face, mirrored};
 use glam::DVec3;
 use proptest::prelude::*;
@@ -124,16 +124,10 @@ proptest! {
     }
 }
 
-fn bumpy(key: u64) -> Photo {
-    let colour = move |i: usize, j: usize| [0, 1, 2].map(|c| noise(i, j, key + c));
-    let depth = move |i: usize, j: usize| 1.0 + 2.0 * noise(i, j, key);
-    Photo::new([12, 12], [20, 20], [0.3; 2], depth, colour)
-}
-
 /// A pane with a huge radius is the flat pane; R is then sampled, so that only its noise differs.
 #[test]
 fn a_slight_bend_is_the_flat_pane() {
-    let mut flat = Case::new(bumpy(5), bumpy(6));
+    let mut flat = Case::new(bumpy(5, false), bumpy(6, false));
     (flat.film, flat.tilt_deg, flat.absorption_per_m) = ([11, 8], [4.0, 15.0], [6.0, 2.0, 4.0]);
     let expected = flat.render();
     for radius_m in [1e8, -1e8] {

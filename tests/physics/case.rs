@@ -79,6 +79,15 @@ pub(crate) enum Apex {
     Camera,
 }
 
+/// Makes a photograph of random depths of 1 to 3 m, white or of random colours, that is narrower than the film.
+pub(crate) fn bumpy(key: u64, is_white: bool) -> Photo {
+    let colour = move |i: usize, j: usize| {
+        [0, 1, 2].map(|c| if is_white { 1.0 } else { noise(i, j, key + c) })
+    };
+    let depth = move |i: usize, j: usize| 1.0 + 2.0 * noise(i, j, key);
+    Photo::new([12, 12], [20, 20], [0.3; 2], depth, colour)
+}
+
 /// A scene; [`Case::new`] chooses the paper's camera and glass, and a small film.
 #[derive(Clone, Debug)]
 pub(crate) struct Case {

@@ -1,7 +1,7 @@
 //! Panes that end inside the picture, frames and cards: light is kept, layers stay consistent, and edges are as sharp as the lens
 //! leaves them.
 
-use crate::case::{CLEAN, Case, GLASS, I, Photo, T, noise, whole_film};
+use crate::case::{CLEAN, Case, GLASS, I, Photo, T, bumpy, noise, whole_film};
 use crate::furnace::assert_only_the_reflection_differs;
 use glam::{DMat3, DVec3};
 use render::trace::{Card, Cover, Isa, Outline, Texture};
@@ -145,14 +145,6 @@ pub(crate) fn noisy_card(distance_m: f64, center_m: [f64; 2], width_m: f64, key:
     };
     let texels = (0..size[0] * size[1]).map(texel).collect();
     Flat { distance_m, center_m, width_m, size, texels }
-}
-
-fn bumpy(key: u64, is_white: bool) -> Photo {
-    let colour = move |i: usize, j: usize| {
-        [0, 1, 2].map(|c| if is_white { 1.0 } else { noise(i, j, key + c) })
-    };
-    let depth = move |i: usize, j: usize| 1.0 + 2.0 * noise(i, j, key);
-    Photo::new([12, 12], [20, 20], [0.3; 2], depth, colour)
 }
 
 pub(crate) fn small_window() -> Edges {

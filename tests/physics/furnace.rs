@@ -1,14 +1,7 @@
 //! Furnace tests (pixels of white photographs depend only on the weights of the glass), and a test of `I - R~`.
 
-use crate::case::{CLEAN, Case, GLASS, I, Photo, T, noise};
+use crate::case::{CLEAN, Case, GLASS, I, T, bumpy};
 use glam::DVec3;
-
-fn bumpy(key: u64, white: bool) -> Photo {
-    let colour =
-        move |i: usize, j: usize| [0, 1, 2].map(|c| if white { 1.0 } else { noise(i, j, key + c) });
-    let depth = move |i: usize, j: usize| 1.0 + 2.0 * noise(i, j, key);
-    Photo::new([12, 12], [20, 20], [0.3; 2], depth, colour)
-}
 
 #[test]
 fn white_stays_white() {

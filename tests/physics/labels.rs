@@ -1,6 +1,6 @@
 //! Labels: coverage, depth of the front, and ghosts, compared with f64 code; they change no light.
 
-use crate::case::{Case, GLASS, Photo, noise, whole_film};
+use crate::case::{Case, GLASS, bumpy, whole_film};
 use crate::cover::{Edges, Place, noisy_card};
 use crate::invariance::bits;
 use crate::reference::Reference;
@@ -8,12 +8,6 @@ use crate::stack::double_pane;
 use glam::DVec3;
 use render::label::{Label, LabelSet};
 use render::trace::{Isa, Order, PixelSeed, sample};
-
-fn bumpy(key: u64) -> Photo {
-    let colour = move |i: usize, j: usize| [0, 1, 2].map(|c| noise(i, j, key + c));
-    let depth = move |i: usize, j: usize| 1.0 + 2.0 * noise(i, j, key);
-    Photo::new([12, 12], [20, 20], [0.3; 2], depth, colour)
-}
 
 fn all_labels() -> LabelSet {
     let mut labels = LabelSet::default();
@@ -24,7 +18,7 @@ fn all_labels() -> LabelSet {
 }
 
 fn window() -> Case {
-    let mut case = Case::new(bumpy(3), bumpy(4));
+    let mut case = Case::new(bumpy(3, false), bumpy(4, false));
     (case.film, case.spp, case.tilt_deg) = ([23, 18], 64, [4.0, 12.0]);
     case.covered.edges = Some(Edges {
         x_m: [-0.05, 0.06],

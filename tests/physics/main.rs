@@ -23,6 +23,7 @@ mod property;
 mod reference;
 mod rough;
 mod sampler;
+mod sheet;
 mod slab;
 mod spot;
 mod stack;

@@ -1,6 +1,6 @@
 //! Panes with rough faces: rays that are followed explicitly from facet to facet, widths of lobes, energy, and the smooth limit.
 
-use crate::case::{CLEAN, Case, GLASS, I, Photo, T, noise};
+use crate::case::{CLEAN, Case, GLASS, I, Photo, T, bumpy};
 use crate::optics::{Exit, face, mirrored};
 use crate::reference::concentric;
 use glam::DVec3;
@@ -128,14 +128,6 @@ impl RoughReference {
         }
         Exit { point, direction: d, share }
     }
-}
-
-fn bumpy(key: u64, is_white: bool) -> Photo {
-    let colour = move |i: usize, j: usize| {
-        [0, 1, 2].map(|c| if is_white { 1.0 } else { noise(i, j, key + c) })
-    };
-    let depth = move |i: usize, j: usize| 1.0 + 2.0 * noise(i, j, key);
-    Photo::new([12, 12], [20, 20], [0.3; 2], depth, colour)
 }
 
 /// Between white photographs, a pane with rough faces is white: the weights of all paths are 1 in the mean, without multiple

@@ -1,6 +1,6 @@
 //! Scenes behind stacks: no light is missing, T and R do not change, and a single layer is the plain pane.
 
-use crate::case::{CLEAN, Case, GLASS, I, Photo, T, noise};
+use crate::case::{CLEAN, Case, GLASS, I, T, bumpy};
 use crate::furnace::assert_only_the_reflection_differs;
 use render::trace::{Coating, Stack, StackLayer};
 
@@ -25,14 +25,6 @@ pub(crate) fn coated_double_pane() -> Stack {
         vec![glass(0.004, [6.0, 2.0, 4.0]), gap(0.012), glass(0.006, [3.0, 1.0, 5.0])],
         vec![None, Some(coating), None, None],
     )
-}
-
-fn bumpy(key: u64, is_white: bool) -> Photo {
-    let colour = move |i: usize, j: usize| {
-        [0, 1, 2].map(|c| if is_white { 1.0 } else { noise(i, j, key + c) })
-    };
-    let depth = move |i: usize, j: usize| 1.0 + 2.0 * noise(i, j, key);
-    Photo::new([12, 12], [20, 20], [0.3; 2], depth, colour)
 }
 
 /// Between white photographs, a pane without losses is white: the light of dropped orders is not missing.
