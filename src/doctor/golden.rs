@@ -1,16 +1,17 @@
 //! Checks that this machine computes the same bits as all other machines.
 
 use super::finding::{Finding, seconds_text};
-use render::shard::{Golden, golden, pinned};
+use render::shard::{Golden, golden_of, pinned, pinned_of};
 use render::trace::{Isa, TRACER_VERSION};
 use std::time::Instant;
 
 /// Traces the golden shard and compares its digest with the digests of this version and, if given, of a run.
 pub fn check_golden(isa: Isa, threads: usize, run: Option<&Golden>) -> Finding {
     let start = Instant::now();
-    let found = golden(isa, threads);
+    let set = run.map_or_else(|| pinned().scene, |run| run.scene.clone());
+    let found = golden_of(&set, isa, threads);
     let text = format!("golden shard traced in {}", seconds_text(start.elapsed().as_secs_f64()));
-    judge(&found, &pinned(), run, &text)
+    judge(&found, &pinned_of(&set), run, &text)
         .with("blake3", found.blake3)
         .with("tracer_version", TRACER_VERSION)
 }

@@ -5,6 +5,7 @@ use super::finish::Summary;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
 use crate::run::Run;
+use render::label::{Label, LabelSet};
 use serde_json::json;
 use std::fmt::Write;
 
@@ -81,6 +82,9 @@ fn what(plan: &ExportPlan, summary: &Summary) -> String {
     for (layer, name) in plan.layers() {
         let _ = writeln!(text, "| `{name}` | {} |", contents[layer]);
     }
+    for label in plan.labels.iter() {
+        let _ = writeln!(text, "| `{label}` | {} |", label_contents(label));
+    }
     let pixels = match plan.request.encoding {
         PixelEncoding::Srgb8 => "PNG of 8-bit sRGB codes; values above 1 are clipped",
         PixelEncoding::Srgb16 => "PNG of 16-bit sRGB codes; values above 1 are clipped",
@@ -93,7 +97,30 @@ fn what(plan: &ExportPlan, summary: &Summary) -> String {
         "\nPixels: {pixels}. `input - glass_reflection` is the front scene through the real glass only in linear light, not \
          in sRGB codes.\n"
     );
+    if plan.labels != LabelSet::default() {
+        text += match plan.request.format {
+            ExportFormat::Exr => {
+                "Labels are parts of the OpenEXR files, with their own channels.\n"
+            }
+            ExportFormat::Webdataset | ExportFormat::Imagefolder | ExportFormat::Pairs => {
+                "Labels are NumPy arrays (`.npy`) of height x width, or of height x width x 3, linear; `front_depth` has 32-bit \
+                 floats, the others have the precision of the tuple.\n"
+            }
+        };
+    }
     text
+}
+
+/// Describes a label in the table of layers.
+fn label_contents(label: Label) -> &'static str {
+    match label {
+        Label::Coverage => "share of the pixel's camera rays that meet glass, 0 to 1",
+        Label::FrontDepth => {
+            "distance of the front's nearest surface along the optical axis, m; infinite without a surface"
+        }
+        Label::Ghosts => "R~ without the reflection of the glass's first face",
+        Label::ReflectedShare => "luminance of R~ over that of I, 0 to 1",
+    }
 }
 
 fn how(plan: &ExportPlan, summary: &Summary) -> String {

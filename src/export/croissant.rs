@@ -21,6 +21,13 @@ pub(super) fn croissant(plan: &ExportPlan, summary: &Summary) -> String {
         distribution.push(files);
         record_sets.extend(records);
     }
+    for label in plan.labels.iter() {
+        let format = "application/octet-stream";
+        let includes =
+            if has_tars(plan) { format!("*.{label}.npy") } else { format!("*/{label}/*.npy") };
+        let files = format!("{label}-files");
+        distribution.push(file_set(plan, summary, &files, format, &includes));
+    }
     let description = format!(
         "{} tuples of pictures behind glass and their exact layers, for single-image reflection removal. README.md describes \
          how they were made, and the terms that apply.",

@@ -1,7 +1,7 @@
 //! Formats a line of imagefolder's `metadata.jsonl`: file names, parameters and stated errors of a tuple as columns.
 
 use super::plan::ExportPlan;
-use super::sample::layer_file;
+use super::sample::{label_file, layer_file};
 use render::merge::TupleRecord;
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -28,6 +28,13 @@ pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
         // Paths are relative to the metadata file.
         let file = file.split_once('/').map(|(_, rest)| rest.to_owned());
         put(format!("{name}_file_name"), json!(file.filter(|_| asked[layer])));
+    }
+    for label in plan.labels.iter() {
+        let file = label_file(request.format, scene, label);
+        let file = file.split_once('/').map(|(_, rest)| rest.to_owned());
+        let has = scene.film.layers.labels().contains(label);
+        // `datasets` opens the files of columns that end in `_file_name`, as pictures.
+        put(format!("{label}_npy"), json!(file.filter(|_| has)));
     }
     let glass = &scene.glass;
     let focus = record.facts.focus_distance_m;

@@ -5,6 +5,7 @@ use super::request::{EXPORT_REQUEST_SCHEMA, ExportFormat, ExportRequest, PixelEn
 use crate::run::{AccessError, Run, Scope, Snapshot};
 use crate::store::Store;
 use render::ids::SceneId;
+use render::label::LabelSet;
 use render::layer::Layer;
 use render::line::Split;
 use serde::{Deserialize, Serialize};
@@ -38,6 +39,8 @@ pub struct ExportPlan {
     pub scenes: Vec<usize>,
     /// True for each layer that any exported scene has, in the order of [`Layer::ALL`].
     pub layers: [bool; 4],
+    /// Labels that any exported scene has.
+    pub labels: LabelSet,
 }
 
 impl ExportPlan {
@@ -86,12 +89,15 @@ impl ExportPlan {
         let splits = request.splits.iter().copied().collect();
         let mut scenes = scenes(run, &splits);
         scenes.retain(|&scene| !out.contains(&run.lines[scene].id));
-        let mut layers = [false; 4];
+        let (mut layers, mut labels) = ([false; 4], LabelSet::default());
         for &scene in &scenes {
             let asked = run.lines[scene].film.layers.asked();
             layers = std::array::from_fn(|k| layers[k] | asked.0[k]);
+            for label in run.lines[scene].film.layers.labels().iter() {
+                labels.insert(label);
+            }
         }
-        Self { request, scenes, layers }
+        Self { request, scenes, layers, labels }
     }
 
     /// Returns the indices and names of the exported layers.

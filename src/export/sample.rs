@@ -6,11 +6,13 @@ use super::request::{ExportFormat, PixelEncoding};
 use crate::run::keys;
 use crate::store::Store;
 use bytes::Bytes;
-use render::formats::encode_parts_exr;
+use render::formats::{encode_npy, encode_parts_exr, label_precision};
+use render::label::{Label, LabelImages, LabelSet};
 use render::layer::Layer;
 use render::line::{ExrPrecision, SceneLine, Split};
 use render::merge::{
-    TupleRecord, check_png, decode_tuple_exr, encode_png16, is_readable_record_of, tuple_files,
+    TupleRecord, check_png, decode_tuple_exr, decode_tuple_labels, encode_png16,
+    is_readable_record_of, tuple_files,
 };
 use std::collections::BTreeMap;
 
@@ -45,17 +47,29 @@ pub(super) fn layer_file(
     }
 }
 
+/// Returns the path (in a tar, the name) of a label's file; in [`ExportFormat::Exr`], the file of the layers has the labels, too.
+pub(super) fn label_file(format: ExportFormat, line: &SceneLine, label: Label) -> String {
+    let (split, id) = (line.split, &line.id);
+    match format {
+        ExportFormat::Webdataset => format!("{id}.{label}.npy"),
+        ExportFormat::Imagefolder | ExportFormat::Pairs => format!("{split}/{label}/{id}.npy"),
+        ExportFormat::Exr => layer_file(format, PixelEncoding::Linear, line, 0),
+    }
+}
+
 /// Lists the folders of a split, relative to the exported folder; none for tars.
 pub(super) fn layer_folders(plan: &ExportPlan, split: Split) -> Vec<String> {
     let layers = plan.layers();
-    match plan.request.format {
-        ExportFormat::Webdataset => Vec::new(),
+    let mut folders: Vec<String> = match plan.request.format {
+        ExportFormat::Webdataset => return Vec::new(),
+        ExportFormat::Exr => return vec![split.to_string()],
         ExportFormat::Imagefolder => layers.map(|(_, name)| format!("{split}/{name}")).collect(),
         ExportFormat::Pairs => {
             layers.map(|(l, _)| format!("{split}/{}", PAIR_FOLDERS[l])).collect()
         }
-        ExportFormat::Exr => vec![split.to_string()],
-    }
+    };
+    folders.extend(plan.labels.iter().map(|label| format!("{split}/{label}")));
+    folders
 }
 
 /// Reads a scene's tuple from the run's store, checks the tuple, and encodes its files for the export.
@@ -72,19 +86,32 @@ pub(super) fn sample(
     }
     let record: TupleRecord =
         serde_json::from_slice(&json).map_err(|e| damaged(line, "tuple.json", &e))?;
-    let mut files = match encoding {
-        PixelEncoding::Srgb8 => copies(&mut tuple, &record, line, format)?,
-        PixelEncoding::Srgb16 | PixelEncoding::Linear => {
-            let exr = tuple.take(line, "tuple.exr")?;
-            record.check_file("tuple.exr", &exr).map_err(|e| damaged(line, "tuple.exr", &e))?;
-            encoded(&exr, &record, line, format, encoding)?
+    let mut files = Vec::new();
+    if encoding == PixelEncoding::Srgb8 {
+        files.extend(copies(&mut tuple, &record, line, format)?);
+    }
+    if needs_exr(line, encoding) {
+        let exr = tuple.take(line, "tuple.exr")?;
+        record.check_file("tuple.exr", &exr).map_err(|e| damaged(line, "tuple.exr", &e))?;
+        let labels = decode_tuple_labels(&exr, &record);
+        let labels = labels.map_err(|e| damaged(line, "tuple.exr", &e))?;
+        if format != ExportFormat::Exr {
+            files.extend(label_files(&labels, &record, line, format));
         }
-    };
+        if encoding != PixelEncoding::Srgb8 {
+            files.extend(encoded(&exr, &labels, &record, line, format, encoding)?);
+        }
+    }
     if format == ExportFormat::Webdataset {
         files.push((format!("{}.json", line.id), json));
     }
     files.sort_by(|a, b| a.0.cmp(&b.0));
     Ok(Sample { files, record })
+}
+
+/// True if the export needs `tuple.exr`: the PNGs lack labels, and pixels of other encodings.
+fn needs_exr(line: &SceneLine, encoding: PixelEncoding) -> bool {
+    encoding != PixelEncoding::Srgb8 || line.film.layers.labels() != LabelSet::default()
 }
 
 /// Bytes of a tuple's files, by name; `None` if the file is missing or was taken.
@@ -104,9 +131,10 @@ fn read(
     encoding: PixelEncoding,
 ) -> Result<TupleBytes, ExportError> {
     let mut names = tuple_files(line);
-    names.retain(|name| {
-        let is_exr = name == "tuple.exr";
-        name == "tuple.json" || is_exr == (encoding != PixelEncoding::Srgb8)
+    names.retain(|name| match name.as_str() {
+        "tuple.json" => true,
+        "tuple.exr" => needs_exr(line, encoding),
+        _ => encoding == PixelEncoding::Srgb8,
     });
     let keys: Vec<String> = names.iter().map(|n| keys::tuple(&line.id, n)).collect();
     let bytes = store.get_all(&keys)?;
@@ -132,8 +160,34 @@ fn copies(
     Ok(files)
 }
 
+/// Encodes labels as NumPy arrays of height, width and, for three channels, 3.
+fn label_files(
+    labels: &LabelImages,
+    record: &TupleRecord,
+    line: &SceneLine,
+    format: ExportFormat,
+) -> impl Iterator<Item = (String, Bytes)> {
+    let size = [line.film.height, line.film.width].map(|side| side as usize);
+    let precision = precision(record);
+    labels.iter().map(move |(label, values)| {
+        let channels = label.channels().len();
+        let shape: Vec<usize> =
+            size.into_iter().chain((channels > 1).then_some(channels)).collect();
+        let bytes = encode_npy(&shape, values, label_precision(*label, precision));
+        (label_file(format, line, *label), bytes.into())
+    })
+}
+
+/// Returns the precision of the tuple's OpenEXR file.
+fn precision(record: &TupleRecord) -> ExrPrecision {
+    // Only layers with half floats have this digest.
+    let is_half = record.layers.values().all(|l| l.exr_blake3.is_some());
+    if is_half { ExrPrecision::Half } else { ExrPrecision::Float }
+}
+
 fn encoded(
     exr: &[u8],
+    labels: &LabelImages,
     record: &TupleRecord,
     line: &SceneLine,
     format: ExportFormat,
@@ -141,9 +195,7 @@ fn encoded(
 ) -> Result<Vec<(String, Bytes)>, ExportError> {
     let layers = decode_tuple_exr(exr, record).map_err(|e| damaged(line, "tuple.exr", &e))?;
     let (width, height) = (line.film.width, line.film.height);
-    // Only layers with half floats have this digest.
-    let is_half = record.layers.values().all(|l| l.exr_blake3.is_some());
-    let precision = if is_half { ExrPrecision::Half } else { ExrPrecision::Float };
+    let precision = precision(record);
     let failed = |name: &str, reason: &dyn std::fmt::Display| ExportError::Encode {
         name: name.to_owned(),
         reason: reason.to_string(),
@@ -152,8 +204,8 @@ fn encoded(
         let name = layer_file(format, encoding, line, 0);
         let parts: Vec<(&str, &[[f32; 3]])> =
             made(line).map(|(layer, name)| (name, layers.0[layer].as_slice())).collect();
-        let bytes =
-            encode_parts_exr(&parts, width, height, precision).map_err(|e| failed(&name, &e))?;
+        let bytes = encode_parts_exr(&parts, labels, width, height, precision)
+            .map_err(|e| failed(&name, &e))?;
         return Ok(vec![(name, bytes.into())]);
     }
     let mut files = Vec::new();
@@ -161,7 +213,7 @@ fn encoded(
         let name = layer_file(format, encoding, line, layer);
         let pixels = &layers.0[layer];
         let bytes = if encoding == PixelEncoding::Linear {
-            encode_parts_exr(&[("", pixels)], width, height, precision)
+            encode_parts_exr(&[("", pixels)], &LabelImages::new(), width, height, precision)
                 .map_err(|e| failed(&name, &e))?
         } else {
             encode_png16(pixels, width, height).map_err(|e| failed(&name, &e))?

@@ -5,7 +5,9 @@ use super::draw_scenes::{DrawnScenes, PreviewContext, RejectedScene, draw_all};
 use super::expand::{Expansion, expand_counted};
 use super::list::{LIST_NAME, index_list};
 use super::places::{PlacesFolders, index_places};
-use super::procedural_inputs::{ProceduralPhotograph, SampleBytes};
+use super::procedural_inputs::{
+    COVER_ROOT, ProceduralBytes, ProceduralInput, ProceduralPicture, covers,
+};
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use super::request::{DraftError, Progress, Request};
@@ -27,25 +29,25 @@ pub(super) struct Content {
 
 /// The scenes, or the recipe that draws them.
 enum Scenes {
-    /// A recipe with the photographs of its sources; `to_make` lists the procedural photographs.
+    /// A recipe with the photographs of its sources; `to_make` lists the procedural pictures.
     Drawn {
         path: PathBuf,
         recipe: Box<Recipe>,
         images: BTreeMap<String, Vec<SourceImage>>,
-        to_make: Vec<ProceduralPhotograph>,
+        to_make: Vec<ProceduralInput>,
     },
     /// The lines of a manifest.
     Lines(Vec<SceneLine>),
 }
 
-/// Scenes of a plan, with notes, rejected draws and procedural photographs.
+/// Scenes of a plan, with notes, rejected draws and procedural pictures.
 pub(super) struct Draft {
     pub(super) lines: Vec<SceneLine>,
     pub(super) notes: Vec<String>,
     /// Draws that the previews rejected.
     pub(super) rejected: Vec<RejectedScene>,
-    /// Procedural photographs that the scenes use.
-    pub(super) to_make: Vec<ProceduralPhotograph>,
+    /// Procedural pictures that the scenes use.
+    pub(super) to_make: Vec<ProceduralInput>,
 }
 
 impl Content {
@@ -83,7 +85,7 @@ impl Content {
                 to_make: Vec::new(),
             });
         };
-        let bytes = SampleBytes::new(request.run, to_make);
+        let bytes = ProceduralBytes::new(request.run, to_make);
         let mut folders = Roots::default();
         for (name, folder) in &self.roots {
             folders.insert(name, request.run.join(folder))?;
@@ -118,12 +120,10 @@ impl Content {
                 notes.push(format!("{count} {what}"));
             }
         }
+        let sides = lines.iter().flat_map(|line| [&line.front, &line.back]);
         let used: BTreeSet<&str> =
-            lines.iter().flat_map(|l| [l.front.name(), l.back.name()]).collect();
-        let is_used = |one: &&ProceduralPhotograph| {
-            let path = one.photograph.color_path();
-            used.contains(format!("{}:{}", one.root, path.display()).as_str())
-        };
+            sides.flat_map(|side| side.paths()).map(|(_, path)| path).collect();
+        let is_used = |one: &&ProceduralInput| used.contains(one.name().as_str());
         let to_make = to_make.iter().filter(is_used).cloned().collect();
         Ok(Draft { lines, notes, rejected, to_make })
     }
@@ -227,10 +227,10 @@ pub(super) fn from_recipe(
                 .flat_map(|p| [p.color_path(), p.depth_path(), p.mask_path()])
                 .map(|p| p.to_string_lossy().into_owned())
                 .collect();
-            to_make.extend(photographs.into_iter().map(|photograph| ProceduralPhotograph {
+            let size = source.sample_size();
+            to_make.extend(photographs.into_iter().map(|photograph| ProceduralInput {
                 root: name.clone(),
-                photograph,
-                size: source.sample_size(),
+                picture: ProceduralPicture::Photograph { photograph, size },
             }));
             roots.insert(name.clone(), Path::new("inputs").join(name));
             from_paths(&paths)
@@ -265,6 +265,10 @@ pub(super) fn from_recipe(
             ));
         }
         images.insert(name.clone(), index.images);
+    }
+    if recipe.cover.is_some() {
+        to_make.extend(covers(&recipe));
+        roots.insert(COVER_ROOT.to_owned(), Path::new("inputs").join(COVER_ROOT));
     }
     Ok(Content {
         name: recipe.name.clone(),

@@ -3,7 +3,7 @@
 use super::check::{Checker, InvalidInput};
 use super::content::{self, Content, Draft};
 use super::draw_scenes::RejectedScene;
-use super::procedural_inputs::ProceduralPhotograph;
+use super::procedural_inputs::ProceduralInput;
 use super::request::{DraftError, Progress, Request};
 use render::ids::SceneId;
 use render::line::{Roots, SceneLine};
@@ -32,8 +32,8 @@ pub struct Drafted {
     pub left_out: BTreeSet<String>,
     /// Total size of the input files; `None` if planning does not check them.
     pub input_bytes: Option<u64>,
-    /// Procedural photographs that the scenes use.
-    pub to_make: Vec<ProceduralPhotograph>,
+    /// Procedural pictures that the scenes use.
+    pub to_make: Vec<ProceduralInput>,
 }
 
 /// Drafts the scenes of `source`, a recipe (`.toml`) or a manifest (`.jsonl`). Writes nothing.

@@ -8,7 +8,7 @@ use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use crate::preview::{ExposureError, auto_expose};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use render::line::Roots;
+use render::line::{Roots, Side};
 use render::scene::{SceneFiles, read_files_by};
 use render::trace::Isa;
 use serde::{Deserialize, Serialize};
@@ -138,7 +138,8 @@ fn preview_scene(
     let rules = recipe.reject.clone().unwrap_or_default();
     let mut rejected = Vec::new();
     let mut next = 0;
-    let mut files: Option<(u32, SceneFiles)> = None;
+    // The files of the last draw, with their paths: other draws have other photographs, or other covers.
+    let mut files: Option<(Vec<String>, SceneFiles)> = None;
     for preview in 0..MAX_PREVIEWS {
         let change = preview / PREVIEWS_PER_PAIR;
         let mut drawn = assignment.draw(number, change, next)?;
@@ -148,13 +149,16 @@ fn preview_scene(
             let redrawn = drawn.attempt - rejected.len() as u32;
             Ok(KeptScene { drawn, rejected, redrawn })
         };
-        if files.as_ref().is_none_or(|(of, _)| *of != change) {
+        let sides = [&drawn.line.front, &drawn.line.back].into_iter();
+        let paths: Vec<String> =
+            sides.flat_map(Side::paths).map(|(_, path)| path.to_owned()).collect();
+        if files.as_ref().is_none_or(|(of, _)| *of != paths) {
             let read = read_files_by(&drawn.line, context.roots, context.base, context.read);
             // The plan keeps a scene with unreadable files; the worker that loads the scene quarantines it.
             let Ok(read) = read else {
                 return kept(drawn, rejected);
             };
-            files = Some((change, read));
+            files = Some((paths, read));
         }
         let (_, read) = files.as_ref().expect("the files were just read");
         let exposed = auto_expose(&drawn.line, read, &recipe.light, &rules, Isa::detect());

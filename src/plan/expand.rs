@@ -1,13 +1,14 @@
 //! Expands a recipe and its photographs into scene lines.
 
 use super::assign::{AssignedScene, Assignment, Drawn};
+use super::cover_draw::SceneCover;
 use super::diode::SourceImage;
 use super::draw::{Draw, scene_seed};
 use super::light::{WhiteBalance, gains_against};
 use super::pair::Pair;
 use super::param::Param;
 use super::recipe::Recipe;
-use super::recipe_error::RecipeError;
+use super::recipe_error::{RecipeError, RefusedDraw};
 use super::sections::{camera, film, light, side};
 use super::source_values::source_values;
 use render::line::{Apex, Focus, SCENE_SCHEMA, SceneLine};
@@ -82,8 +83,8 @@ pub(super) fn draw_line(
     let values = source_values(recipe, id, pair, &front, &film(recipe, plain))?;
     let draw_of = |attempt| Draw { attempt, values: &values, ..plain };
     let first = draw_of(from);
-    light("back", recipe.back.light(), first, &mut back);
-    light("front", recipe.front.light(), first, &mut front);
+    let back_light = light("back", recipe.back.light(), first, &mut back);
+    let front_light = light("front", recipe.front.light(), first, &mut front);
     if recipe.back.apex != Apex::default() {
         back.set_apex(recipe.back.apex);
     }
@@ -98,10 +99,17 @@ pub(super) fn draw_line(
         front,
         back,
     };
+    let cover = recipe.cover.as_ref().map(|recipe| SceneCover {
+        recipe,
+        first,
+        light: [front_light, back_light],
+        own_cards: [line.front.cards().len(), line.back.cards().len()],
+    });
     let deciding = geometry_params(recipe);
     let names = recipe.glass.glazings();
     let is_constant = deciding.iter().all(|(_, param)| param.is_constant())
-        && names.is_none_or(|names| names.values.len() == 1);
+        && names.is_none_or(|names| names.values.len() == 1)
+        && recipe.cover.is_none();
     let attempts = if is_constant { 1 } else { MAX_ATTEMPTS };
     let white_balance = match recipe.light.white_balance {
         WhiteBalance::Front => gains_against(line.front.illuminant()),
@@ -114,6 +122,12 @@ pub(super) fn draw_line(
         line.camera = camera(recipe, draw_of(attempt));
         line.camera.white_balance = white_balance;
         line.glass = recipe.glass.draw(draw_of(attempt));
+        if let Some(Err(misfit)) =
+            cover.as_ref().map(|cover| cover.draw(draw_of(attempt), &mut line))
+        {
+            last_error = Some(RefusedDraw::from(misfit));
+            continue;
+        }
         line.validate().map_err(|source| RecipeError::Line { id: id.clone(), source })?;
         // The distance of a focus on a photograph is known only after loading, which checks the geometry again.
         let inverse_focus_distance_per_m = match line.camera.focus {
@@ -122,7 +136,7 @@ pub(super) fn draw_line(
         };
         match check_geometry(&line, inverse_focus_distance_per_m) {
             Ok(()) => return Ok((line, attempt)),
-            Err(reason) => last_error = Some(reason),
+            Err(reason) => last_error = Some(reason.into()),
         }
     }
     Err(RecipeError::Refused {
@@ -149,7 +163,7 @@ fn geometry_params(recipe: &Recipe) -> Vec<(String, &Param)> {
         | "glass.distance_m"
         | "glass.roughness"
         | "glass.bow_radius_m" => true,
-        _ => key.starts_with("glass.tilt_deg"),
+        _ => key.starts_with("glass.tilt_deg") || key.starts_with("cover."),
     };
     let mut params = recipe.params();
     params.retain(|(key, _)| decides(key));

@@ -4,7 +4,7 @@ use super::choice::Choice;
 use super::draw::Draw;
 use super::glazing::{GlazingRecipe, named};
 use super::param::Param;
-use render::line::{Glass, Outline, Roughness};
+use render::line::{Glass, Outline, Roughness, Wave};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -29,6 +29,8 @@ pub struct GlassRecipe {
     /// Radius of the sphere to which a single uncoated pane is bent, m: positive if its centre is on the camera's side.
     /// Default none: flat.
     pub bow_radius_m: Option<Param>,
+    /// Waves of all faces, such as those of tempered glass. Default none: flat. Not with `bow_radius_m`.
+    pub wave: Option<WaveRecipe>,
     /// Edges of the pane and its frame. Default none: the pane fills the picture.
     pub outline: Option<OutlineRecipe>,
 }
@@ -44,9 +46,23 @@ impl Default for GlassRecipe {
             glazing: None,
             roughness: None,
             bow_radius_m: None,
+            wave: None,
             outline: None,
         }
     }
+}
+
+/// `[glass.wave]`: heights A sin(2 pi s / length) of all faces over the flat pane.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct WaveRecipe {
+    /// Height A of the crests, m; 0 is flat.
+    pub amplitude_m: Param,
+    /// Distance from crest to crest, m.
+    pub length_m: Param,
+    /// Direction across the crests, from right to down. Default 0.
+    #[serde(default = "zero")]
+    pub direction_deg: Param,
 }
 
 /// `[glass.outline]`: edges of a pane that ends inside the picture, and its frame.
@@ -88,6 +104,11 @@ impl GlassRecipe {
         for (key, param) in optional {
             params.extend(param.iter().map(|param| (key.to_owned(), param)));
         }
+        if let Some(wave) = &self.wave {
+            params.push(("glass.wave.amplitude_m".to_owned(), &wave.amplitude_m));
+            params.push(("glass.wave.length_m".to_owned(), &wave.length_m));
+            params.push(("glass.wave.direction_deg".to_owned(), &wave.direction_deg));
+        }
         if let Some(outline) = &self.outline {
             params.extend(indexed("glass.outline.x_m", &outline.x_m));
             params.extend(indexed("glass.outline.y_m", &outline.y_m));
@@ -109,6 +130,7 @@ impl GlassRecipe {
             layers: vec![],
             coatings: vec![],
             bow_radius_m: None,
+            wave: self.wave.as_ref().and_then(|wave| wave.draw(draw)),
             roughness: None,
             outline: self.outline.as_ref().map(|outline| outline.draw(draw)),
         };
@@ -133,6 +155,18 @@ impl GlassRecipe {
     /// Returns the names of the glazings that scenes may have.
     pub(super) fn glazings(&self) -> Option<&Choice<String>> {
         self.glazing.as_ref().map(|GlazingRecipe(names)| names)
+    }
+}
+
+impl WaveRecipe {
+    /// Draws the waves of a line; `None` for a height of 0.
+    fn draw(&self, draw: Draw<'_>) -> Option<Wave> {
+        let amplitude_m = draw.value("glass.wave.amplitude_m", &self.amplitude_m);
+        (amplitude_m > 0.0).then(|| Wave {
+            amplitude_m,
+            length_m: draw.value("glass.wave.length_m", &self.length_m),
+            direction_deg: draw.value("glass.wave.direction_deg", &self.direction_deg),
+        })
     }
 }
 

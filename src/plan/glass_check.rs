@@ -1,10 +1,12 @@
 //! Checks `[glass]` of a recipe: keys that exclude each other, and ranges beyond those of single numbers.
 
+use super::cover_check::check_edges;
 use super::glass::{GlassRecipe, OutlineRecipe};
 use super::glazing::named;
 use super::param::Param;
 use super::recipe_check::bad;
 use super::recipe_error::RecipeError;
+use render::line::{MAX_WAVE_SLOPE, Wave};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -35,7 +37,34 @@ impl GlassRecipe {
     /// Checks what the table of limits does not know.
     pub(super) fn check(&self) -> Result<(), RecipeError> {
         self.check_bow()?;
+        self.check_wave()?;
         self.outline.as_ref().map_or(Ok(()), OutlineRecipe::check)
+    }
+
+    fn check_wave(&self) -> Result<(), RecipeError> {
+        const KEY: &str = "glass.wave";
+        let Some(wave) = &self.wave else {
+            return Ok(());
+        };
+        if self.bow_radius_m.is_some() {
+            return bad(KEY, "and glass.bow_radius_m are both given: remove one");
+        }
+        if [&wave.amplitude_m, &wave.length_m].contains(&&Param::FromSource) {
+            // The waves of each photograph are checked with its scene line.
+            return Ok(());
+        }
+        let (amplitude_m, length_m) = (wave.amplitude_m.bounds().1, wave.length_m.bounds().0);
+        let slope = Wave { amplitude_m, length_m, direction_deg: 0.0 }.largest_slope();
+        if slope <= MAX_WAVE_SLOPE {
+            return Ok(());
+        }
+        bad(
+            KEY,
+            format!(
+                "can have slopes of {slope:.3}, with an amplitude of {amplitude_m} m and a length of {length_m} m, but at \
+                 most {MAX_WAVE_SLOPE} are allowed: reduce amplitude_m, or increase length_m"
+            ),
+        )
     }
 
     fn check_bow(&self) -> Result<(), RecipeError> {
@@ -76,20 +105,7 @@ impl GlassRecipe {
 impl OutlineRecipe {
     fn check(&self) -> Result<(), RecipeError> {
         for (key, [low, high]) in [("x_m", &self.x_m), ("y_m", &self.y_m)] {
-            if [low, high].contains(&&Param::FromSource) {
-                // The edges of each photograph are checked with its scene line.
-                continue;
-            }
-            let (least, most) = (high.bounds().0, low.bounds().1);
-            if most >= least {
-                return bad(
-                    &format!("glass.outline.{key}"),
-                    format!(
-                        "can begin at {most} and end at {least}, but must begin before it ends: separate the ranges of its \
-                         two numbers"
-                    ),
-                );
-            }
+            check_edges(&format!("glass.outline.{key}"), low, high)?;
         }
         Ok(())
     }
@@ -135,6 +151,15 @@ mod tests {
             ),
             ("roughness = 0.2", "key glass.roughness is 0.2, but must be 0 to 0.1"),
             ("roughness = { uniform = [0, 1] }", "(uniform 0 to 1) can be 1, but must be 0 to 0.1"),
+            (
+                "wave = { amplitude_m = 0.001, length_m = { uniform = [0.1, 0.4] } }",
+                "key glass.wave can have slopes of 0.063, with an amplitude of 0.001 m and a length of 0.1 m",
+            ),
+            (
+                "bow_radius_m = 8\nwave = { amplitude_m = 0.0001, length_m = 0.3 }",
+                "key glass.wave and glass.bow_radius_m are both given: remove one",
+            ),
+            ("wave = { amplitude_m = 0.0001 }", "missing field `length_m`"),
             ("bow_radius_m = 0", "glass.bow_radius_m (0) can be 0, but must stay above or below 0"),
             ("bow_radius_m = { uniform = [-8, 8] }", "(uniform -8 to 8) can be 0, but must stay"),
             ("bow_radius_m = { choice = [-8, 0] }", "can be 0, but must stay above or below 0"),

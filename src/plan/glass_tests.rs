@@ -25,8 +25,12 @@ fn json(glass: &Glass) -> String {
 #[test]
 fn a_line_holds_the_layers_and_the_name() {
     assert_eq!(
-        json(&panes("glazing = \"double-low-e\"", 1)[0]),
-        r#"{"distance_m":0.3,"tilt_deg":[0.0,0.0],"glazing":"double-low-e","layers":[{"glass_m":0.004,"ior":1.52,"absorption_per_m":[10.75,5.03,4.56]},{"gap_m":0.016},{"glass_m":0.004,"ior":1.52,"absorption_per_m":[10.75,5.03,4.56]}],"coatings":[{"face":1,"reflectance":[0.075,0.032,0.028],"transmittance":[0.891,0.935,0.954]}]}"#
+        json(&panes("glazing = \"double-4-16-4\"", 1)[0]),
+        r#"{"distance_m":0.3,"tilt_deg":[0.0,0.0],"glazing":"double-4-16-4","layers":[{"glass_m":0.004,"ior":1.52,"absorption_per_m":[10.75,5.03,4.56]},{"gap_m":0.016},{"glass_m":0.004,"ior":1.52,"absorption_per_m":[10.75,5.03,4.56]}]}"#
+    );
+    assert_eq!(
+        json(&panes("glazing = \"half-mirror\"", 1)[0]),
+        r#"{"distance_m":0.3,"thickness_m":0.004,"ior":1.52,"absorption_per_m":[2.31,1.06,0.92],"tilt_deg":[0.0,0.0],"glazing":"half-mirror","coatings":[{"face":0,"reflectance":[0.4,0.4,0.4],"transmittance":[0.6,0.6,0.6]}]}"#
     );
     assert_eq!(
         json(&panes("glazing = \"frosted\"", 1)[0]),

@@ -6,7 +6,8 @@ use super::recipe::Recipe;
 use super::recipe::tests::PAPER;
 use super::split::tests::set;
 use render::line::GlassLayer;
-use render::trace::{Coating, Stack, StackLayer};
+use render::scene::coating_of;
+use render::trace::{Stack, StackLayer};
 use std::collections::BTreeSet;
 
 #[test]
@@ -82,8 +83,7 @@ fn totals(glazing: &Glazing) -> [[f64; 3]; 2] {
     };
     let mut coatings = vec![None; glazing.layers.len() + 1];
     for c in &glazing.coatings {
-        let (reflectance, transmittance) = (c.reflectance, c.transmittance);
-        coatings[c.face as usize] = Some(Coating { reflectance, transmittance });
+        coatings[c.face as usize] = Some(coating_of(c));
     }
     Stack::new(glazing.layers.iter().map(layer).collect(), coatings).totals(1.0)
 }

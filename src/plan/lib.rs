@@ -2,13 +2,14 @@
 //!
 //! ```text
 //! recipe, source, param, choice, focus, glass, light, train_recipe, training   the TOML file
-//! recipe_check, source_check, glass_check, training_check, recipe_schema       its rules
+//! recipe_check, source_check, glass_check, cover_check, training_check, recipe_schema   its rules
 //! glazing                                         the named panes of glazings.toml
+//! cover, cover_draw                               what stands in the way of the window
 //! diode, places, list                             list the photographs of a source
 //! split -> pair -> assign                         photographs to splits, pairs and scenes; substitutes for excluded ones
 //! draw, source_values, sections -> expand         random numbers, values of photographs; scene lines
 //! preview, draw_scenes                            previews for exposure, white balance and rejection
-//! procedural_inputs, cost                         procedural photographs of a recipe; bytes and core time of a run
+//! procedural_inputs, cost                         procedural pictures of a recipe; bytes and core time of a run
 //! inputs, request, check, content -> drafting     a recipe or manifest -> checked scenes: the entry point, `draft`
 //! ```
 //!
@@ -20,6 +21,11 @@ mod check;
 mod choice;
 mod content;
 mod cost;
+mod cover;
+mod cover_check;
+mod cover_draw;
+#[cfg(test)]
+mod cover_tests;
 mod diode;
 mod drafting;
 mod draw;
@@ -69,9 +75,9 @@ pub use list::{PHOTOGRAPH_SCHEMA, parse_list};
 pub use places::{DEPTH_RANGES_SCHEMA, DepthRanges};
 pub use preset::Preset;
 pub use procedural::Place;
-pub use procedural_inputs::{ProceduralPhotograph, make_photographs};
+pub use procedural_inputs::{ProceduralInput, make_inputs};
 pub use recipe::{RECIPE_SCHEMA, Recipe};
-pub use recipe_error::RecipeError;
+pub use recipe_error::{CoverError, RecipeError, RefusedDraw};
 pub use recipe_schema::recipe_schema;
 pub use request::{DraftError, Progress, Request};
 pub use train_recipe::{

@@ -81,6 +81,20 @@ impl RejectRecipe {
     }
 }
 
+/// A drawn light: factors on the light of the files.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct DrawnLight {
+    pub(super) exposure: f64,
+    pub(super) illuminant: [f64; 3],
+}
+
+impl DrawnLight {
+    /// Returns the light with `factor` times the exposure.
+    pub(super) fn times(self, factor: f64) -> Self {
+        Self { exposure: self.exposure * factor, ..self }
+    }
+}
+
 /// Exposure and colour of one side's light, from `[front]` or `[back]`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SideLight<'a> {

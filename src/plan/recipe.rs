@@ -1,5 +1,6 @@
 //! `glasshouse.recipe/1`: the distributions of a data set. Defaults are the paper's constants.
 
+use super::cover::CoverRecipe;
 use super::focus::FocusRecipe;
 use super::glass::GlassRecipe;
 use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
@@ -37,6 +38,8 @@ pub struct Recipe {
     /// Pane: position, thickness and material.
     #[serde(default)]
     pub glass: GlassRecipe,
+    /// What stands in the way of the window: the photographer, blinds, curtains, plants, a frame. Default nothing.
+    pub cover: Option<CoverRecipe>,
     /// The side seen through the pane.
     #[serde(default)]
     pub front: FrontRecipe,
@@ -235,6 +238,7 @@ impl Recipe {
             }
         }
         params.extend(self.glass.params());
+        params.extend(self.cover.iter().flat_map(CoverRecipe::params));
         for (name, light) in [("front", self.front.light()), ("back", self.back.light())] {
             params.push((format!("{name}.exposure"), light.exposure));
             for (key, param) in
@@ -290,7 +294,8 @@ impl Recipe {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::glass::OutlineRecipe;
+    use super::super::cover::{FrameRecipe, PhotographerRecipe, ScreenRecipe};
+    use super::super::glass::{OutlineRecipe, WaveRecipe};
     use super::*;
     use render::line::{DepthKind, Intrinsics};
 
@@ -334,11 +339,29 @@ pairs = { diode = 120, places = 80 }
         let mut recipe = Recipe::parse(&text).unwrap();
         recipe.glass.roughness = Some(Param::Constant(0.01));
         recipe.glass.bow_radius_m = Some(Param::Constant(8.0));
+        recipe.glass.wave = Some(WaveRecipe {
+            amplitude_m: Param::Constant(1e-4),
+            length_m: Param::Constant(0.3),
+            direction_deg: Param::Constant(0.0),
+        });
         recipe.glass.outline = Some(OutlineRecipe {
             x_m: [-0.1, 0.1].map(Param::Constant),
             y_m: [-0.1, 0.1].map(Param::Constant),
             frame_m: Param::Constant(0.0),
             frame_radiance: [0.0; 3].map(Param::Constant),
+        });
+        let screen = || {
+            let one = || Some(Param::Constant(1.0));
+            let [gap_m, view_width, view_x, view_y, exposure] = [0; 5].map(|_| one());
+            Some(ScreenRecipe { share: 1.0, gap_m, view_width, view_x, view_y, exposure })
+        };
+        recipe.cover = Some(CoverRecipe {
+            pictures: 1,
+            photographer: Some(PhotographerRecipe::default()),
+            blind: screen(),
+            curtain: screen(),
+            plant: screen(),
+            frame: Some(FrameRecipe::default()),
         });
         recipe.camera.f_number = Some(Param::Constant(4.0));
         recipe.camera.focus = FocusRecipe::DistanceM(Param::Constant(2.0));

@@ -3,6 +3,7 @@
 use super::assign::sides;
 use super::param::Param;
 use super::places::depth_root;
+use super::procedural_inputs::COVER_ROOT;
 use super::recipe::{CameraRecipe, RECIPE_SCHEMA, Recipe};
 use super::recipe_error::RecipeError;
 use super::source::Layout;
@@ -125,7 +126,27 @@ impl Recipe {
             return bad("camera.f_number", "conflicts with aperture_radius_m: remove one of them");
         }
         self.glass.check()?;
+        self.check_cover()?;
         self.check_reject()
+    }
+
+    fn check_cover(&self) -> Result<(), RecipeError> {
+        let Some(cover) = &self.cover else {
+            return Ok(());
+        };
+        if cover.frame.is_some() && self.glass.outline.is_some() {
+            return bad(
+                "cover.frame",
+                "draws the edges of the glass, and glass.outline gives them, too: remove one",
+            );
+        }
+        if self.sources.contains_key(COVER_ROOT) {
+            return bad(
+                &format!("sources.{COVER_ROOT}"),
+                "has the name of the root of [cover]: rename the source",
+            );
+        }
+        cover.check()
     }
 
     fn check_reject(&self) -> Result<(), RecipeError> {

@@ -43,7 +43,7 @@ pub enum RecipeError {
         attempts: u32,
         /// Parameters of the geometry with their ranges.
         ranges: String,
-        source: Box<GeometryError>,
+        source: Box<RefusedDraw>,
     },
     #[error(
         "scene {id}: {parameter} is from_source, but {photograph} has no value: add it to \"values\" in the \
@@ -62,4 +62,31 @@ pub enum RecipeError {
     NoneKept { id: String, previews: u32, reason: String },
     #[error("scene {id}: {source}")]
     Line { id: SceneId, source: LineError },
+}
+
+/// A draw whose pane, lens, film and covers do not fit together.
+#[derive(Debug, thiserror::Error)]
+pub enum RefusedDraw {
+    #[error(transparent)]
+    Geometry(#[from] GeometryError),
+    #[error(transparent)]
+    Cover(#[from] CoverError),
+}
+
+/// A cover that does not fit the drawn pane.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+pub enum CoverError {
+    #[error(
+        "cover.{cover} cannot stand behind a pane with this tilt, because its directions run along the pane: reduce \
+         glass.tilt_deg or cover.{cover}.view_width"
+    )]
+    AlongPane { cover: &'static str },
+    #[error(
+        "cover.photographer reaches {:.3} m beyond the pane: reduce glass.tilt_deg or cover.photographer.width_m, or increase \
+         glass.distance_m or cover.photographer.distance_m", -lowest_m
+    )]
+    BeyondPane {
+        /// Least distance of a corner from the pane's first face, m.
+        lowest_m: f64,
+    },
 }

@@ -118,6 +118,7 @@ mod tests {
             include_str!("../../manifests/paper.toml"),
             include_str!("../../manifests/wild.toml"),
             include_str!("../../manifests/learn.toml"),
+            include_str!("../../manifests/windows.toml"),
         ];
         for recipe in recipes {
             Recipe::parse(recipe).unwrap();

@@ -3,7 +3,7 @@
 use super::diode::SourceImage;
 use super::draw::{Draw, nine_digits};
 use super::focus::FocusRecipe;
-use super::light::{SideLight, illuminant};
+use super::light::{DrawnLight, SideLight, illuminant};
 use super::list;
 use super::recipe::Recipe;
 use super::source::Source;
@@ -59,20 +59,40 @@ pub(super) fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
     }
 }
 
-/// Draws the light of a side and multiplies it by the light that a list gives for the photograph.
-pub(super) fn light(name: &str, recipe: SideLight<'_>, draw: Draw<'_>, side: &mut Side) {
+/// Draws the light of a side and multiplies it by the light that a list gives for the photograph. Returns the drawn light.
+pub(super) fn light(
+    name: &str,
+    recipe: SideLight<'_>,
+    draw: Draw<'_>,
+    side: &mut Side,
+) -> DrawnLight {
     let (exposure, side_illuminant) = side.light_mut();
-    *exposure *= draw.value(&format!("{name}.exposure"), recipe.exposure);
+    let mut drawn = DrawnLight {
+        exposure: draw.value(&format!("{name}.exposure"), recipe.exposure),
+        illuminant: [1.0; 3],
+    };
+    *exposure *= drawn.exposure;
     if let Some(param) = recipe.exposure_ev {
         let ev = draw.value(&format!("{name}.exposure_ev"), param);
         *exposure = nine_digits(*exposure * libm::exp2(ev));
+        drawn = drawn.times(libm::exp2(ev));
     }
     if let Some(param) = recipe.illuminant_k {
         let kelvin = draw.value(&format!("{name}.illuminant_k"), param);
+        drawn.illuminant = illuminant(kelvin).map(nine_digits);
         for (channel, drawn) in side_illuminant.iter_mut().zip(illuminant(kelvin)) {
             *channel = nine_digits(*channel * drawn);
         }
     }
+    drawn
+}
+
+/// Returns the tangents of half the film's field of view, horizontal and vertical.
+pub(super) fn half_view(focal_length_mm: f64, film: &Film) -> [f64; 2] {
+    let [width, height] = [f64::from(film.width), f64::from(film.height)];
+    let half_diagonal_mm = libm::hypot(36.0, 24.0) / 2.0;
+    let of = |side: f64| half_diagonal_mm * side / libm::hypot(width, height) / focal_length_mm;
+    [of(width), of(height)]
 }
 
 pub(super) fn side((name, source): (&str, &Source), image: &SourceImage) -> Side {

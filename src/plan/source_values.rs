@@ -5,6 +5,7 @@ use super::pair::Pair;
 use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
+use super::sections::half_view;
 use render::ids::SceneId;
 use render::line::{Film, Photograph, Side};
 use std::collections::BTreeMap;
@@ -51,8 +52,7 @@ fn focal_length_mm(photograph: &Photograph, film: &Film) -> f64 {
     let size = camera.size.map_or([2.0 * camera.cx, 2.0 * camera.cy], |s| s.map(f64::from));
     let seen = |middle: f64, side: f64, focal: f64| middle.min(side - middle) / focal;
     let tan = [seen(camera.cx, size[0], camera.fx), seen(camera.cy, size[1], camera.fy)];
-    let [width, height] = [f64::from(film.width), f64::from(film.height)];
-    let half_diagonal_mm = libm::hypot(36.0, 24.0) / 2.0;
-    let of = |side: f64, tan: f64| half_diagonal_mm * side / libm::hypot(width, height) / tan;
-    of(width, tan[0]).max(of(height, tan[1]))
+    // At the focal length of 1 mm, the film's tangents are larger by the factor of the focal length.
+    let [width, height] = half_view(1.0, film);
+    (width / tan[0]).max(height / tan[1])
 }

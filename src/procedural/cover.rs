@@ -21,6 +21,9 @@ pub enum CoverKind {
     Plant,
 }
 
+/// Row of the camera in the pictures of photographers, in heights from the upper edge; their column is the middle.
+pub const CAMERA_ROW: f32 = 0.2;
+
 /// A picture of sRGB codes and alpha (not premultiplied), row by row.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CoverPicture {

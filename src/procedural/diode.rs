@@ -5,10 +5,9 @@ use super::render::{Rgbd, render};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use render::atomic_file::{self, WriteError};
+use render::formats::encode_npy;
+use render::line::ExrPrecision;
 use std::path::{Path, PathBuf};
-
-/// Length of the header of a `.npy` file, bytes.
-const NPY_HEADER_BYTES: usize = 128;
 
 /// Reason why a procedural photograph cannot be encoded or written.
 #[derive(Debug, thiserror::Error)]
@@ -17,11 +16,6 @@ pub enum SampleError {
     Write(#[from] WriteError),
     #[error("cannot encode {}: {source}; choose another size", path.display())]
     Code { path: PathBuf, source: image::ImageError },
-}
-
-/// True if all three files of `photograph` exist under `root`.
-pub fn is_written(root: &Path, photograph: &SamplePhotograph) -> bool {
-    photograph.paths().iter().all(|path| root.join(path).is_file())
 }
 
 /// The bytes of a photograph's three files.
@@ -44,12 +38,12 @@ pub fn encode(
     let rgbd = render(photograph, width, height);
     let color =
         png(&rgbd).map_err(|source| SampleError::Code { path: photograph.color_path(), source })?;
-    let (w, h) = (rgbd.width, rgbd.height);
+    let [w, h] = [rgbd.width as usize, rgbd.height as usize];
     let valid: Vec<f32> = rgbd.valid.iter().map(|&v| f32::from(u8::from(v))).collect();
     Ok(SampleFiles {
         color,
-        depth: npy(&format!("({h}, {w}, 1)"), &rgbd.depth_m),
-        mask: npy(&format!("({h}, {w})"), &valid),
+        depth: encode_npy(&[h, w, 1], &rgbd.depth_m, ExrPrecision::Float),
+        mask: encode_npy(&[h, w], &valid, ExrPrecision::Float),
     })
 }
 
@@ -78,20 +72,6 @@ fn png(rgbd: &Rgbd) -> Result<Vec<u8>, image::ImageError> {
         .map(|()| bytes)
 }
 
-/// Encodes values in NumPy format 1.0: little-endian `f32`, C order, data after 128 bytes.
-fn npy(shape: &str, values: &[f32]) -> Vec<u8> {
-    let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}");
-    let text_bytes = NPY_HEADER_BYTES - 10;
-    let mut bytes = Vec::with_capacity(NPY_HEADER_BYTES + 4 * values.len());
-    bytes.extend_from_slice(b"\x93NUMPY\x01\x00");
-    bytes.extend_from_slice(&(text_bytes as u16).to_le_bytes());
-    bytes.extend_from_slice(text.as_bytes());
-    bytes.resize(NPY_HEADER_BYTES - 1, b' ');
-    bytes.push(b'\n');
-    bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
-    bytes
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -102,13 +82,12 @@ mod tests {
     fn independent_readers_read_all_three_files() {
         let dir = tempfile::tempdir().unwrap();
         let photograph = &listing(2, 5)[1];
-        assert!(!is_written(dir.path(), photograph));
         write(dir.path(), photograph, 64, 48).unwrap();
-        assert!(is_written(dir.path(), photograph));
+        assert!(photograph.paths().iter().all(|path| dir.path().join(path).is_file()));
         let rgbd = render(photograph, 64, 48);
 
         let bytes = fs::read(dir.path().join(photograph.depth_path())).unwrap();
-        assert_eq!(bytes.len(), NPY_HEADER_BYTES + 64 * 48 * 4);
+        assert_eq!(bytes.len(), 128 + 64 * 48 * 4);
         let depth = npyz::NpyFile::new(&bytes[..]).unwrap();
         assert_eq!(depth.shape(), [48, 64, 1]);
         assert_eq!(depth.into_vec::<f32>().unwrap(), rgbd.depth_m);

@@ -41,8 +41,8 @@ mod tone;
 mod tree;
 
 pub use camera::{intrinsics, places_intrinsics};
-pub use cover::{CoverKind, CoverPicture, cover, cover_png};
-pub use diode::{SampleError, SampleFiles, encode, is_written, write};
+pub use cover::{CAMERA_ROW, CoverKind, CoverPicture, cover, cover_png};
+pub use diode::{SampleError, SampleFiles, encode, write};
 pub use listing::{Place, SamplePhotograph, listing};
 pub use places::{PLACES_COLOR, PLACES_DEPTH, PlacesPhotograph, places_listing, write_places};
 pub use render::{Rgbd, render, render_through};

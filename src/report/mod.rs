@@ -9,6 +9,7 @@ mod errors;
 mod evaluation;
 mod glance;
 mod histogram;
+mod label_picture;
 mod noise_picture;
 mod page;
 mod parameters;

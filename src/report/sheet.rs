@@ -1,5 +1,6 @@
 //! The contact sheet: tuples at even distances in the run, each with its noise map, if any.
 
+use super::label_picture;
 use super::noise_picture::{noise_picture, scale};
 use super::picture::{MUCH_SMALLER, QUALITY, decode_png, exact_img, img, shrunk};
 use super::survey::{Survey, parse};
@@ -12,19 +13,21 @@ use maud::{Markup, html};
 use rayon::prelude::*;
 use render::color::{SrgbEncoder, srgb_to_linear};
 use render::ids::SceneId;
+use render::label::LabelSet;
 use render::layer::Layer;
-use render::line::{Glass, SceneLine};
-use render::merge::{LayerRecord, NoiseMap, TupleRecord};
+use render::line::{Glass, Roughness, SceneLine, Side};
+use render::merge::{LayerRecord, NoiseMap, TupleRecord, decode_tuple_labels};
 use std::fmt::Write as _;
+use std::path::Path;
 
 /// Maximum number of tuples on the sheet.
 const SHOWN: usize = 32;
 /// Approximate maximum size of the sheet, bytes. Larger pictures leave space for fewer rows.
 const BUDGET: usize = 7 << 20;
 /// Brightness of the second picture of the reflection, relative to the first.
-const GAIN: f32 = 8.0;
+pub(super) const GAIN: f32 = 8.0;
 /// Maximum side of a picture on the page, px. Larger pictures are scaled down.
-const THUMBNAIL_PX: u32 = 256;
+pub(super) const THUMBNAIL_PX: u32 = 256;
 
 pub(super) struct Sheet {
     pub(super) html: Markup,
@@ -133,6 +136,11 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
             figures.push(figure(&tag, &symbol, "brightened", None));
         }
     }
+    if line.film.layers.labels() != LabelSet::default() {
+        let wrong = |reason: String| damaged(format!("tuple.exr cannot be read: {reason}"));
+        let labels = decode_tuple_labels(&get("tuple.exr")?, &record).map_err(wrong)?;
+        figures.extend(label_picture::figures(&labels, line, encoder).map_err(wrong)?);
+    }
     let noise = if has_map { noise(line, store)? } else { None };
     if let Some(Ok((tag, symbols))) = &noise {
         figures.push(figure(tag, "noise map", symbols, None));
@@ -194,14 +202,29 @@ fn parameters(record: &TupleRecord) -> String {
     };
     let orders: Vec<&str> = record.facts.orders.iter().map(|o| o.order.as_str()).collect();
     format!(
-        "{} \u{b7} {} spp \u{b7} focus {focus} \u{b7} glass {}, ior {}, at {} m, {tilt} \u{b7} orders {}",
+        "{} \u{b7} {} spp \u{b7} focus {focus} \u{b7} glass {}, ior {}, at {} m, {tilt}{} \u{b7} orders {}",
         record.scene.split,
         record.scene.film.spp,
         layers(glass),
         number(glass.ior),
         number(glass.distance_m),
+        cards(&record.scene),
         orders.join(" "),
     )
+}
+
+/// Formats the pictures that cover a part of the scene, by the names of their files; empty without cards.
+fn cards(line: &SceneLine) -> String {
+    let of = |(side, of): (&str, &Side)| {
+        let cards = of.cards().iter().map(|card| Path::new(&card.color).file_stem());
+        let names: Vec<_> =
+            cards.flatten().map(|name| name.to_string_lossy().into_owned()).collect();
+        (!names.is_empty()).then(|| format!(" \u{b7} {side} {}", names.join(", ")))
+    };
+    [("before the front:", &line.front), ("before the back:", &line.back)]
+        .into_iter()
+        .filter_map(of)
+        .collect()
 }
 
 /// Formats the thickness of a pane, or of each layer from the camera outwards, and the coated faces.
@@ -214,8 +237,21 @@ fn layers(glass: &Glass) -> String {
             glass.layers.iter().map(|layer| mm(layer.thickness_m())).collect();
         format!("of layers of {} mm", layers.join("-"))
     };
+    if let Some(name) = &glass.glazing {
+        text = format!("{name} {text}");
+    }
     for coating in &glass.coatings {
         let _ = write!(text, ", face {} coated", coating.face);
+    }
+    match &glass.roughness {
+        Some(Roughness::All(alpha)) => {
+            let _ = write!(text, ", rough {}", number(*alpha));
+        }
+        Some(Roughness::Faces(_)) => text.push_str(", rough"),
+        None => {}
+    }
+    if let Some(radius_m) = glass.bow_radius_m {
+        let _ = write!(text, ", bent to {} m", number(radius_m));
     }
     if glass.outline.is_some() {
         text.push_str(", framed");
@@ -223,7 +259,7 @@ fn layers(glass: &Glass) -> String {
     text
 }
 
-fn figure(tag: &Markup, symbol: &str, name: &str, numbers: Option<&Markup>) -> Markup {
+pub(super) fn figure(tag: &Markup, symbol: &str, name: &str, numbers: Option<&Markup>) -> Markup {
     html! {
         figure {
             (tag)

@@ -17,7 +17,7 @@ use render::line::SceneLine;
 use render::merge::{TUPLE_SCHEMA_1, TupleRecord, combine, encode_tuple, encode_tuple_record_1};
 use render::partial::{self, Partial};
 use render::scene::{InputDigests, load, read_files_by};
-use render::shard::golden;
+use render::shard::golden_of;
 use render::trace::Isa;
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -63,7 +63,7 @@ impl SceneAudit {
 
 /// Checks that this machine computes the golden shard's bits; otherwise its verdicts would mean nothing.
 pub(crate) fn check_auditor(run: &Run, options: &AuditOptions) -> Result<(), AccessError> {
-    let found = golden(options.isa, options.threads.max(1));
+    let found = golden_of(&run.spec.golden.scene, options.isa, options.threads.max(1));
     if found == run.spec.golden {
         return Ok(());
     }

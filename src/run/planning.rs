@@ -5,8 +5,8 @@ use super::error::RunError;
 use super::keys;
 use super::open::{Run, lock};
 use plan::{
-    DraftError, Drafted, InputFiles, ProceduralPhotograph, Request, draft, invalid_text,
-    make_photographs, rejected_lines,
+    DraftError, Drafted, InputFiles, ProceduralInput, Request, draft, invalid_text, make_inputs,
+    rejected_lines,
 };
 use procedural::SampleError;
 use render::atomic_file::{self, WriteError, is_temporary};
@@ -44,9 +44,9 @@ pub(crate) struct Planned {
 }
 
 impl Planned {
-    /// Estimates the size of the procedural photographs in the run's folder, bytes.
+    /// Estimates the size of the procedural pictures in the run's folder, bytes.
     pub(crate) fn made_bytes(&self) -> u64 {
-        self.drafted.to_make.iter().map(ProceduralPhotograph::estimated_bytes).sum()
+        self.drafted.to_make.iter().map(ProceduralInput::estimated_bytes).sum()
     }
 
     /// Formats a table of the unusable input files and their treatment; returns `None` if all files are usable.
@@ -163,8 +163,8 @@ pub(crate) fn plan_run(
             atomic_file::sweep(out, 0, &is_temporary);
             atomic_file::sweep(&out.join(keys::INPUTS), 5, &is_temporary);
         }
-        let on_photograph = |done, all| on_progress("photographs", done, all);
-        make_photographs(out, &drafted.to_make, options.threads, &on_photograph)?;
+        let on_picture = |done, all| on_progress("pictures", done, all);
+        make_inputs(out, &drafted.to_make, options.threads, &on_picture)?;
         if existing.is_none() {
             write_plan(out, &drafted, &manifest, &spec, options.training)?;
         }

@@ -3,6 +3,7 @@
 use crate::support::outputs::{exr_channels, files, manifest, read_json, tuple_record};
 use crate::support::program::{Ended, command, run, text};
 use crate::support::s3_server::{BUCKET, S3Server};
+use exr::prelude::{ReadChannels, ReadLayers};
 use render::color::linear_to_srgb16;
 use render::formats::decode_exr_channels;
 use render::layer::Layer;
@@ -253,6 +254,92 @@ fn other_encodings_hold_the_values_of_the_exr() {
             assert_eq!(kinds, [exr].into());
         }
     }
+}
+
+/// Returns a member of a tar.
+fn member(tar: &[u8], name: &str) -> Vec<u8> {
+    let mut archive = tar::Archive::new(tar);
+    let mut entries = archive.entries().unwrap().map(Result::unwrap);
+    let mut entry = entries.find(|e| e.path().unwrap().to_str() == Some(name)).unwrap();
+    let mut content = Vec::new();
+    std::io::Read::read_to_end(&mut entry, &mut content).unwrap();
+    content
+}
+
+/// Every format has the labels of the tuples, next to layers of any encoding.
+#[test]
+fn labels_are_exported() {
+    let film = "spp = 16\nlayers = [\"input\", \"glass_reflection\", \"coverage\", \"front_depth\", \"ghosts\"]";
+    let pane = "outline = { x_m = [-0.05, 0.02], y_m = [-0.2, 0.2] }\ndistance_m = 0.3";
+    let recipe = RECIPE.replace("spp = 16", film).replace("distance_m = 0.3", pane);
+    let (folder, made) = finished(&recipe);
+    let out = |more: &str| {
+        let out = folder.path().join(more.replace(' ', ""));
+        let more: Vec<&str> = more.split(' ').collect();
+        run(&arguments(&made, &out, &more)).expect(0);
+        out
+    };
+    let id = &ids(&made, "train")[0];
+    let channels = decode_exr_channels(
+        &std::fs::read(made.join("tuples").join(id).join("tuple.exr")).unwrap(),
+    )
+    .unwrap();
+    let values = |name: &str| {
+        let (_, values) = channels.list.iter().find(|(n, _)| n == name).unwrap();
+        values.clone()
+    };
+    let coverage = values("coverage.Y");
+    assert!(coverage.contains(&0.0) && coverage.contains(&1.0));
+    // Headers have 128 bytes; coverage and ghosts are halves, depths are floats.
+    let check = |read: &dyn Fn(&str) -> Vec<u8>| {
+        let halves = |bytes: &[u8]| -> Vec<f32> {
+            let of = |b: &[u8]| exr::prelude::f16::from_le_bytes([b[0], b[1]]).to_f32();
+            bytes[128..].chunks(2).map(of).collect()
+        };
+        assert_eq!(halves(&read("coverage")), coverage);
+        let depth = read("front_depth");
+        let depth = npyz::NpyFile::new(&depth[..]).unwrap();
+        assert_eq!(depth.shape(), [16, 24]);
+        assert_eq!(depth.into_vec::<f32>().unwrap(), values("front_depth.Z"));
+        let ghosts = read("ghosts");
+        assert_eq!(npyz::NpyFile::new(&ghosts[..]).unwrap().shape(), [16, 24, 3]);
+        let green: Vec<f32> = halves(&ghosts).into_iter().skip(1).step_by(3).collect();
+        assert_eq!(green, values("ghosts.G"));
+    };
+    for encoding in ["srgb8", "linear"] {
+        let tars = out(&format!("--format webdataset --encoding {encoding}"));
+        let tar = std::fs::read(tars.join("train-000000.tar")).unwrap();
+        check(&|label| member(&tar, &format!("{id}.{label}.npy")));
+    }
+    for more in ["--format imagefolder", "--format pairs --encoding srgb16"] {
+        let root = out(more);
+        check(&|label| std::fs::read(root.join(format!("train/{label}/{id}.npy"))).unwrap());
+        if let Ok(metadata) = std::fs::read_to_string(root.join("train/metadata.jsonl")) {
+            let row: Value = serde_json::from_str(metadata.lines().next().unwrap()).unwrap();
+            assert_eq!(row["coverage_npy"], format!("coverage/{id}.npy"));
+        }
+        let card = std::fs::read_to_string(root.join("README.md")).unwrap();
+        assert!(card.contains("| `coverage` | share of the pixel's camera rays that meet glass"));
+    }
+    let parts = std::fs::read(out("--format exr").join(format!("train/{id}.exr"))).unwrap();
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .from_buffered(std::io::Cursor::new(parts))
+        .unwrap();
+    let names: Vec<String> = image
+        .layer_data
+        .iter()
+        .map(|part| part.attributes.layer_name.as_ref().unwrap().to_string())
+        .collect();
+    assert_eq!(names, ["input", "glass_reflection", "coverage", "front_depth", "ghosts"]);
+    let depth = &image.layer_data[3].channel_data.list[0];
+    assert_eq!(depth.name.to_string(), "Z");
+    let depth: Vec<f32> = depth.sample_data.values_as_f32().collect();
+    assert_eq!(depth, values("front_depth.Z"));
 }
 
 #[test]

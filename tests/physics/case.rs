@@ -5,8 +5,9 @@ use glam::{DMat3, DVec3};
 use render::label::LabelSet;
 use render::layer::PerLayer;
 use render::trace::{
-    Bow, FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, RoughPane, Sampling,
-    Scene, Slab, Stack, StackLayer, StackOptics, Texture, Tile, TileResult, View, trace_tile,
+    Bow, FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, RoughPane,
+    RoughShape, Sampling, Scene, Slab, Stack, StackLayer, StackOptics, Texture, Tile, TileResult,
+    View, Wave, trace_tile,
 };
 
 /// Indices of the layers.
@@ -106,6 +107,8 @@ pub(crate) struct Case {
     pub(crate) stack: Option<Stack>,
     /// Radius of a bent pane.
     pub(crate) bow_radius_m: Option<f64>,
+    /// Waves of the faces: amplitude and length, m, and the direction across the crests, degrees.
+    pub(crate) wave: Option<[f64; 3]>,
     /// Roughness of each face.
     pub(crate) roughness: Option<Vec<f64>>,
     /// Objects that cover a part of the picture.
@@ -134,6 +137,7 @@ impl Case {
             absorption_per_m: [0.0; 3],
             stack: None,
             bow_radius_m: None,
+            wave: None,
             roughness: None,
             covered: Covered::default(),
             tilt_deg: [0.0; 2],
@@ -154,6 +158,16 @@ impl Case {
         let [pitch, yaw] = self.tilt_deg.map(f64::to_radians);
         let normal = DMat3::from_rotation_y(yaw) * (DMat3::from_rotation_x(pitch) * DVec3::Z);
         (normal, self.distance_m * normal.z)
+    }
+
+    /// Returns the waves of the pane.
+    pub(crate) fn waves(&self) -> Option<Wave> {
+        let [amplitude_m, length_m, direction_deg] = self.wave?;
+        let [pitch, yaw] = self.tilt_deg.map(f64::to_radians);
+        let turned = DMat3::from_rotation_y(yaw) * DMat3::from_rotation_x(pitch);
+        let (sin, cos) = direction_deg.to_radians().sin_cos();
+        let across_crests = turned * DVec3::new(cos, sin, 0.0);
+        Some(Wave { amplitude_m, length_m, across_crests, distance_m: self.distance_m })
     }
 
     /// Returns a lower bound of the cosines of incidence over film, filter and lens.
@@ -246,11 +260,14 @@ impl Case {
         let bow = self
             .bow_radius_m
             .map(|radius_m| Bow { curvature_per_m: 1.0 / radius_m, distance_m: self.distance_m });
-        let rough = self.roughness.as_ref().map(|alphas| {
-            let pose = (&slab, bow.as_ref(), self.distance_m);
-            let layers = self.layers();
+        let wave = self.waves();
+        let layers = self.layers();
+        let smooth = || wave.map(|_| vec![0.0; layers.coatings().len()]);
+        let rough = self.roughness.clone().or_else(smooth).map(|alphas| {
+            let (bow, wave) = (bow.as_ref(), wave.as_ref());
+            let shape = RoughShape { slab: &slab, distance_m: self.distance_m, bow, wave };
             let (pane, of_paths) =
-                RoughPane::new(&layers, alphas, pose, between, radiance, self.tolerance);
+                RoughPane::new(&layers, &alphas, shape, between, radiance, self.tolerance);
             orders = of_paths;
             pane
         });
@@ -276,6 +293,7 @@ impl Case {
             slab,
             stack,
             bow,
+            wave,
             rough,
             cover: self.covered.cover(self),
             front: front.into(),

@@ -241,6 +241,33 @@ fn rough_panes_match_with_every_other_feature() {
     compare("steps and noise, rough coated double pane, many paths", &case);
 }
 
+/// Panes with waves, against rays that are followed from face to face over the height field.
+#[test]
+fn waved_panes_match_with_every_other_feature() {
+    let mut case = case(Relief::Steps, Relief::Noise);
+    case.tolerance = 1e-6;
+    case.wave = Some([1e-4, 0.3, 0.0]);
+    compare("steps and noise, waves of 0.1 mm over 0.3 m", &case);
+    (case.tilt_deg, case.gaussian) = ([0.0, 40.0], true);
+    case.absorption_per_m = [3.0, 1.0, 8.0];
+    case.wave = Some([2e-4, 0.05, 35.0]);
+    compare("steps and noise, waves of 0.2 mm over 0.05 m, tilt 40, Gaussian, absorbing", &case);
+    (case.tilt_deg, case.apex) = ([-12.0, 20.0], Apex::Camera);
+    case.stack = Some(coated_double_pane());
+    compare("steps and noise, camera, waves, coated double pane", &case);
+    case.roughness = Some(vec![0.01, 0.0, 0.02, 0.0]);
+    let edges = Edges {
+        x_m: [-0.06, 0.05],
+        y_m: [-0.045, 0.07],
+        frame_m: 0.02,
+        frame_radiance: [0.3, 0.2, 0.1],
+    };
+    let card = noisy_card(0.7, [0.1, 0.0], 0.4, 3);
+    case.covered.edges = Some(edges);
+    case.covered.cards = [vec![card.clone()], vec![card]];
+    compare("steps and noise, camera, waves, rough coated double pane, frame and cards", &case);
+}
+
 #[test]
 fn weak_orders_match_over_several_blocks() {
     let mut case = case(Relief::Smooth, Relief::Steps);

@@ -272,6 +272,7 @@ impl<'a> Reference<'a> {
         let of_r = [traced.mean[3], traced.half[3], traced.quarter[3]];
         let mut has_closed_form = self.case.apex == Apex::Mirror
             && self.case.bow_radius_m.is_none()
+            && self.case.wave.is_none()
             && (!is_covered || (of_r[0] == of_r[1] && of_r[0] == of_r[2]));
         for s in 0..clean {
             let (pinhole, _, _) = self.camera(x, y, sample(&seed, s));
@@ -301,6 +302,9 @@ impl<'a> Reference<'a> {
         if let Some(bent) = self.bent() {
             let point = bent.entry(DVec3::ZERO, pinhole);
             return (point, bent.reflected(point, pinhole));
+        }
+        if let (Some(pane), true) = (&self.rough, self.case.wave.is_some()) {
+            return pane.mirrored(DVec3::ZERO, pinhole);
         }
         let (n, distance) = (self.pane.normal, self.pane.distance_m);
         (distance / pinhole.dot(n) * pinhole, pinhole - 2.0 * pinhole.dot(n) * n)

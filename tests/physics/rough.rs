@@ -4,7 +4,7 @@ use crate::case::{CLEAN, Case, GLASS, I, Photo, T, bumpy};
 use crate::optics::{Exit, face, mirrored};
 use crate::reference::concentric;
 use glam::DVec3;
-use render::trace::{Coating, Meeting, PixelSeed, StackLayer, sample};
+use render::trace::{Coating, Meeting, PixelSeed, StackLayer, Wave, sample};
 
 /// A pane of a case, whose faces are planes or concentric spheres.
 pub(crate) struct RoughReference {
@@ -14,13 +14,15 @@ pub(crate) struct RoughReference {
     layers: Vec<StackLayer>,
     coatings: Vec<Option<Coating>>,
     alphas: Vec<f64>,
+    wave: Option<Wave>,
 }
 
 impl RoughReference {
     /// Returns the pane of a case with rough faces.
     pub(crate) fn new(case: &Case) -> Option<Self> {
-        let alphas = case.roughness.clone()?;
-        let stack = case.layers();
+        let (stack, wave) = (case.layers(), case.waves());
+        let smooth = || wave.map(|_| vec![0.0; stack.coatings().len()]);
+        let alphas = case.roughness.clone().or_else(smooth)?;
         Some(Self {
             normal: case.pane().0,
             pivot: case.distance_m * DVec3::Z,
@@ -28,6 +30,7 @@ impl RoughReference {
             layers: stack.layers().to_vec(),
             coatings: stack.coatings().to_vec(),
             alphas,
+            wave,
         })
     }
 
@@ -40,7 +43,13 @@ impl RoughReference {
     fn reach(&self, number: usize, point: DVec3, d: DVec3) -> f64 {
         let depth_m = self.depth_m(number);
         if self.curvature_per_m == 0.0 {
-            return (depth_m - (point - self.pivot).dot(self.normal)) / d.dot(self.normal);
+            let way = |height_m: f64| {
+                (depth_m + height_m - (point - self.pivot).dot(self.normal)) / d.dot(self.normal)
+            };
+            // The face over the height field, by a fixed point: each step is shorter by the slope times the tangent.
+            return (0..60).fold(way(0.0), |reached, _| {
+                self.wave.map_or(reached, |w| way(w.at(point + reached * d - self.pivot).0))
+            });
         }
         let radius_m = 1.0 / self.curvature_per_m;
         let from = point - (self.pivot - radius_m * self.normal);
@@ -54,10 +63,18 @@ impl RoughReference {
 
     /// Returns two tangents and the unit normal of the faces at a point.
     fn frame(&self, point: DVec3) -> [DVec3; 3] {
-        let n = (self.normal + self.curvature_per_m * (point - self.pivot)).normalize();
+        let from = point - self.pivot;
+        let waved = self.wave.map_or(DVec3::ZERO, |w| w.at(from).1 * w.across_crests);
+        let n = (self.normal + self.curvature_per_m * from - waved).normalize();
         let of_pane = (DVec3::X - self.normal.x * self.normal).normalize();
         let across = (of_pane - of_pane.dot(n) * n).normalize();
         [across, n.cross(across), n]
+    }
+
+    /// Returns the point of face 0 that a ray meets, and its direction mirrored in the smooth face.
+    pub(crate) fn mirrored(&self, origin: DVec3, d: DVec3) -> (DVec3, DVec3) {
+        let point = origin + self.reach(0, origin, d) * d;
+        (point, mirrored(d, self.frame(point)[2]))
     }
 
     /// Follows sample `index` of a pixel along a path.
@@ -69,6 +86,8 @@ impl RoughReference {
         d: DVec3,
     ) -> Exit {
         let (mut point, mut d, mut share) = (origin, d.normalize(), [[1.0; 3]; 2]);
+        // Coatings have the shares of the camera ray's angle; coated panes are flat.
+        let cos_i = d.dot(self.normal);
         let mut before: Option<usize> = None;
         let ior = |layer: Option<usize>| {
             layer.and_then(|layer| self.layers.get(layer)).map_or(1.0, |layer| layer.ior)
@@ -111,8 +130,8 @@ impl RoughReference {
                 (refracted, r.map(|r| [1.0 - r; 3]))
             };
             let shares = match &self.coatings[number] {
-                Some(coating) if reflects => [coating.reflectance; 2],
-                Some(coating) => [coating.transmittance; 2],
+                Some(coating) if reflects => [coating.reflectance(inward).at(cos_i); 2],
+                Some(coating) => [coating.transmittance.at(cos_i); 2],
                 None => fresnel,
             };
             let leaves = out.dot(n) * if reflects { -1.0 } else { 1.0 };

@@ -2,6 +2,7 @@
 
 use crate::case::{CLEAN, Case, GLASS, I, T, bumpy};
 use crate::furnace::assert_only_the_reflection_differs;
+use render::curve::Curve;
 use render::trace::{Coating, Stack, StackLayer};
 
 fn glass(thickness_m: f64, absorption_per_m: [f64; 3]) -> StackLayer {
@@ -18,12 +19,21 @@ pub(crate) fn double_pane() -> Stack {
     Stack::new(vec![pane, gap(0.016), pane], vec![None; 4])
 }
 
-/// Unequal, absorbing panes, one with a coating of colour.
+/// Unequal, absorbing panes, one with a coating of colour, the other with one whose shares depend on the angle and the side.
 pub(crate) fn coated_double_pane() -> Stack {
-    let coating = Coating { reflectance: [0.12, 0.06, 0.16], transmittance: [0.80, 0.86, 0.78] };
+    let colour = Coating::constant([0.12, 0.06, 0.16], [0.80, 0.86, 0.78]);
+    let curve = |values: [f64; 4]| {
+        let rows = values.map(|v| [v, 0.8 * v, 0.9 * v]);
+        Curve::through(vec![0.0, 0.3, 0.7, 1.0], rows.to_vec())
+    };
+    let low_e = Coating {
+        reflectance: curve([1.0, 0.35, 0.12, 0.1]),
+        reflectance_back: curve([0.9, 0.2, 0.08, 0.05]),
+        transmittance: curve([0.0, 0.6, 0.85, 0.86]),
+    };
     Stack::new(
         vec![glass(0.004, [6.0, 2.0, 4.0]), gap(0.012), glass(0.006, [3.0, 1.0, 5.0])],
-        vec![None, Some(coating), None, None],
+        vec![None, Some(colour), Some(low_e), None],
     )
 }
 
@@ -73,7 +83,7 @@ fn stacks_of_one_layer_are_the_plain_pane() {
     let layer = glass(0.008, plain.absorption_per_m);
     // At normal incidence and through a pinhole, Fresnel's shares are almost constant.
     let r = (0.52f64 / 2.52).powi(2);
-    let fresnel = Coating { reflectance: [r; 3], transmittance: [1.0 - r; 3] };
+    let fresnel = Coating::constant([r; 3], [1.0 - r; 3]);
     let same = [
         (Stack::new(vec![layer], vec![None; 2]), 0.0),
         (Stack::new(vec![gap(0.0), layer, gap(0.0)], vec![None; 4]), 0.0),

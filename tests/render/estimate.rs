@@ -15,7 +15,7 @@ fn line(folder: &Path, apex: &str, spp: u32, seed: u64) -> SceneLine {
     let photographs = procedural::listing(2, 7);
     let photograph = |index: usize| {
         let p = &photographs[index];
-        if !procedural::is_written(folder, p) {
+        if !folder.join(p.color_path()).is_file() {
             procedural::write(folder, p, 256, 192).unwrap();
         }
         let intrinsics = serde_json::to_string(&procedural::intrinsics(256, 192)).unwrap();

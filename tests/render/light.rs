@@ -208,6 +208,40 @@ fn planning_sets_the_light_and_replaces_rejected_draws() {
     }
 }
 
+/// A rejected draw is drawn again with other covers, whose pictures the preview must have, too. Planning writes those that scenes use.
+#[test]
+fn rejected_draws_get_other_covers() {
+    let place = tempfile::tempdir().unwrap();
+    let recipe = place.path().join("covers.toml");
+    let cover =
+        "[cover]\npictures = 4\nphotographer = 0.5\nblind = 0.3\nplant = 0.5\nframe = 0.3\n[front]";
+    let film =
+        "spp = 4\nlayers = [\"input\", \"transmission\", \"glass_reflection\", \"coverage\"]";
+    let covered = WILD.replace("[front]", cover).replace("spp = 64", film);
+    std::fs::write(&recipe, covered).unwrap();
+    let folder = place.path().join("run");
+    let outcome = run(&["run", text(&recipe), "--out", text(&folder), "--json"]).expect(0);
+    assert!(!outcome.stderr.contains("panicked"), "{outcome:?}");
+    let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+    assert!(read("rejected.jsonl").lines().count() > 3);
+    let mut used = std::collections::BTreeSet::new();
+    for line in read("manifest.jsonl").lines() {
+        let line: Value = serde_json::from_str(line).unwrap();
+        for side in ["front", "back"] {
+            for card in line[side]["cards"].as_array().into_iter().flatten() {
+                let path = card["color"].as_str().unwrap().strip_prefix("cover:").unwrap();
+                assert!(path.starts_with(line["split"].as_str().unwrap()), "{path}");
+                used.insert(folder.join("inputs/cover").join(path));
+            }
+        }
+    }
+    let there = ["train", "test"].map(|split| folder.join("inputs/cover").join(split));
+    let there = there.iter().flat_map(|split| std::fs::read_dir(split).into_iter().flatten());
+    let there: std::collections::BTreeSet<_> = there.map(|entry| entry.unwrap().path()).collect();
+    assert!(used.len() > 4);
+    assert_eq!(there, used);
+}
+
 #[test]
 fn bounds_that_reject_every_draw_are_reported() {
     let place = tempfile::tempdir().unwrap();

@@ -2,7 +2,7 @@
 //! compares the model with the digest that the training left.
 
 use glasshouse::{plan, render};
-use plan::{LocalFiles, ProceduralPhotograph, Recipe, Request, TrainSettings, make_photographs};
+use plan::{LocalFiles, ProceduralInput, Recipe, Request, TrainSettings, make_inputs};
 use render::Loaded;
 use render::color::SrgbEncoder;
 use render::ids::SceneId;
@@ -32,7 +32,7 @@ struct OnDemand {
     run: PathBuf,
     roots: Roots,
     lines: Vec<SceneLine>,
-    photographs: Vec<ProceduralPhotograph>,
+    pictures: Vec<ProceduralInput>,
     made: Mutex<BTreeMap<SceneId, Files>>,
 }
 
@@ -41,12 +41,12 @@ impl OnDemand {
         let sides = line.front.paths().into_iter().chain(line.back.paths());
         let paths: BTreeSet<PathBuf> =
             sides.map(|(_, path)| self.roots.resolve(&self.run, path).unwrap()).collect();
-        let needed = self.photographs.iter();
-        let needed: Vec<ProceduralPhotograph> = needed
+        let needed = self.pictures.iter();
+        let needed: Vec<ProceduralInput> = needed
             .filter(|one| one.paths(&self.run).iter().any(|path| paths.contains(path)))
             .cloned()
             .collect();
-        make_photographs(&self.run, &needed, 1, &|_, _| {}).unwrap();
+        make_inputs(&self.run, &needed, 1, &|_, _| {}).unwrap();
         let files = read_files(line, &self.roots, &self.run).unwrap();
         // The farm quarantines such a scene, and training replaces it.
         let scene = Loaded::new(line.clone(), &files).ok()?;
@@ -98,7 +98,7 @@ fn planned(recipe: &Path, run: &Path) -> OnDemand {
         run: run.to_owned(),
         roots: Roots::parse(&roots).unwrap(),
         lines: drafted.lines.into_iter().filter(|line| line.split == Split::Train).collect(),
-        photographs: drafted.to_make,
+        pictures: drafted.to_make,
         made: Mutex::default(),
     }
 }

@@ -23,7 +23,7 @@ use crossbeam::deque::{Injector, Worker as Deque};
 use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::scene::PhotographCache;
-use render::shard::golden;
+use render::shard::golden_of;
 use render::trace::TRACER_VERSION;
 use std::cell::Cell;
 use std::collections::BTreeSet;
@@ -106,7 +106,7 @@ pub(crate) fn whole(run: &Run, scene: usize) -> Message {
 }
 
 pub(super) fn check_golden(run: &Run, options: &WorkOptions) -> Result<(), FarmError> {
-    let found = golden(options.isa, options.threads.max(1));
+    let found = golden_of(&run.spec.golden.scene, options.isa, options.threads.max(1));
     if found == run.spec.golden {
         return Ok(());
     }

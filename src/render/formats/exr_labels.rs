@@ -6,7 +6,7 @@ use crate::line::ExrPrecision;
 use exr::prelude::{AnyChannel, FlatSamples};
 
 /// Returns the precision of a label in a file whose layers have `precision`. Halves are too coarse for a depth.
-pub(crate) fn label_precision(label: Label, precision: ExrPrecision) -> ExrPrecision {
+pub fn label_precision(label: Label, precision: ExrPrecision) -> ExrPrecision {
     if label == Label::FrontDepth { ExrPrecision::Float } else { precision }
 }
 
@@ -16,11 +16,23 @@ pub(crate) fn label_channels(
     precision: ExrPrecision,
 ) -> impl Iterator<Item = AnyChannel<FlatSamples>> + '_ {
     labels.iter().flat_map(move |(label, values)| {
-        let names = label.channels();
-        names.iter().enumerate().map(move |(c, name)| {
-            let of_channel = values.iter().skip(c).step_by(names.len()).copied();
-            channel(&format!("{label}.{name}"), of_channel, label_precision(*label, precision))
+        channels_of(*label, values, precision).map(move |mut channel| {
+            channel.name = format!("{label}.{}", channel.name).as_str().into();
+            channel
         })
+    })
+}
+
+/// Makes the channels of one label, without its name.
+pub(super) fn channels_of(
+    label: Label,
+    values: &[f32],
+    precision: ExrPrecision,
+) -> impl Iterator<Item = AnyChannel<FlatSamples>> + '_ {
+    let names = label.channels();
+    names.iter().enumerate().map(move |(c, name)| {
+        let of_channel = values.iter().skip(c).step_by(names.len()).copied();
+        channel(name, of_channel, label_precision(label, precision))
     })
 }
 

@@ -1,6 +1,8 @@
 //! Writes OpenEXR files of one or more parts with ZIP compression, on one thread: equal pixels give equal bytes.
 
+use super::exr_labels::channels_of;
 use super::exr_zip::write_zip16;
+use crate::label::LabelImages;
 use crate::line::ExrPrecision;
 use exr::image::write::layers::WritableLayers;
 use exr::prelude::{
@@ -21,10 +23,11 @@ pub fn encode_rgb_exr(
     encode_exr(rgb_channels(pixels, ExrPrecision::Float), width, height)
 }
 
-/// Encodes named layers as the parts of one OpenEXR file, with channels R, G, B. [`ExrPrecision::Half`] rounds values
-/// to halves. A single layer with an empty name becomes a plain file of one part.
+/// Encodes named layers as the parts of one OpenEXR file, with channels R, G, B, and after them labels with their own channels.
+/// [`ExrPrecision::Half`] rounds values to halves. A single layer with an empty name becomes a plain file of one part.
 pub fn encode_parts_exr(
     parts: &[(&str, &[[f32; 3]])],
+    labels: &LabelImages,
     width: u32,
     height: u32,
     precision: ExrPrecision,
@@ -35,7 +38,11 @@ pub fn encode_parts_exr(
     let layers = parts.iter().map(|(name, pixels)| {
         layer_of(LayerAttributes::named(*name), rgb_channels(pixels, precision), [width, height])
     });
-    let layers: Vec<Layer<AnyChannels<FlatSamples>>> = layers.collect();
+    let labels = labels.iter().map(|(label, values)| {
+        let channels = channels_of(*label, values, precision).collect();
+        layer_of(LayerAttributes::named(label.name()), channels, [width, height])
+    });
+    let layers: Vec<Layer<AnyChannels<FlatSamples>>> = layers.chain(labels).collect();
     let bounds = IntegerBounds::new((0, 0), (width as usize, height as usize));
     write_zip16(&Image::from_layers(ImageAttributes::new(bounds), layers))
 }

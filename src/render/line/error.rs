@@ -1,6 +1,6 @@
 //! Errors of a scene line.
 
-use super::limits::Limit;
+use super::limits::{Limit, limit_of};
 
 /// A scene line that is invalid regardless of its files.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -62,11 +62,24 @@ pub enum LineError {
         if *found == 1 { "" } else { "s" }
     )]
     FacesOfRoughness { found: usize, faces: usize },
+    #[error(
+        "glass.wave has slopes of up to {slope:.3}, but at most {most} are allowed: reduce amplitude_m, or increase length_m"
+    )]
+    SteepWave { slope: f64, most: f64 },
+    #[error("glass.wave and glass.bow_radius_m are both given: keep one")]
+    WaveAndBow,
     /// An outline without glass.
     #[error("{field} is [{low}, {high}], but its first number must be smaller than its second")]
     EmptyOutline { field: &'static str, low: f64, high: f64 },
     #[error("{side}.cards has {found} cards, but at most {most} are allowed")]
     Cards { side: String, found: usize, most: usize },
+    #[error(
+        "{field} has {found} row{} for {angles} angles: give one row for each of angles_deg, or [red, green, blue] for all \
+         angles", if *found == 1 { "" } else { "s" }
+    )]
+    RowsOfCoating { field: String, found: usize, angles: usize },
+    #[error("{field} must ascend from 0 to 90, with at most 91 angles")]
+    AnglesOfCoating { field: String },
     /// A coating that makes light.
     #[error("{field} plus the transmittance is {sum}, but must be at most 1")]
     Light { field: String, sum: f64 },
@@ -79,4 +92,26 @@ pub(super) fn within(field: &str, value: f64, limit: Limit) -> Result<(), LineEr
 
 pub(super) fn out_of_range(field: &str, value: f64, limit: Limit) -> LineError {
     LineError::OutOfRange { field: field.to_owned(), value, allowed: limit.allowed }
+}
+
+/// Numbers by key, below `film`, `camera`, `glass` or a side.
+pub(super) type Numbers<'a> = [(&'a str, &'a [f64])];
+
+/// Checks numbers against the table of limits. Errors count the elements of arrays from 0.
+pub(super) fn all_within(section: &str, numbers: &Numbers<'_>) -> Result<(), LineError> {
+    for (key, values) in numbers {
+        let field = format!("{section}.{key}");
+        let limit = limit_of(&field);
+        for (index, &value) in values.iter().enumerate() {
+            if limit.contains(value) {
+                continue;
+            }
+            return if values.len() > 1 {
+                within(&format!("{field}[{index}]"), value, limit)
+            } else {
+                within(&field, value, limit)
+            };
+        }
+    }
+    Ok(())
 }

@@ -1,7 +1,9 @@
 //! The pane of a scene line: one layer of glass, or several layers of glass and gaps, with coatings.
 
+use super::coating::FaceCoating;
 use super::outline::Outline;
 use super::roughness::Roughness;
+use super::wave::Wave;
 use serde::{Deserialize, Serialize};
 
 /// The plane-parallel pane.
@@ -26,6 +28,8 @@ pub struct Glass {
     pub coatings: Vec<FaceCoating>,
     /// Radius of the sphere to which the pane is bent: positive if its centre is on the camera's side; flat without it.
     pub bow_radius_m: Option<f64>,
+    /// Waves that all faces share; flat without them. Not with `bow_radius_m`.
+    pub wave: Option<Wave>,
     /// Roughness of the faces, smooth without it.
     pub roughness: Option<Roughness>,
     /// Edges of the pane; without them, the pane fills the picture.
@@ -56,19 +60,6 @@ pub enum GlassLayer {
     },
 }
 
-/// Shares of the light that a coated face reflects and transmits, in place of Fresnel's: for both polarisations, all angles and
-/// both sides.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FaceCoating {
-    /// Index of the face, counted from the camera, from 0.
-    pub face: u32,
-    /// Reflected share of red, green and blue.
-    pub reflectance: [f64; 3],
-    /// Transmitted share; the coating absorbs the rest.
-    pub transmittance: [f64; 3],
-}
-
 /// The keys of [`Glass`].
 #[derive(Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -90,6 +81,8 @@ struct GlassKeys {
     coatings: Vec<FaceCoating>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     bow_radius_m: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    wave: Option<Wave>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     roughness: Option<Roughness>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -129,6 +122,7 @@ impl TryFrom<GlassKeys> for Glass {
             layers,
             coatings,
             bow_radius_m: keys.bow_radius_m,
+            wave: keys.wave,
             roughness: keys.roughness,
             outline: keys.outline,
         })
@@ -148,6 +142,7 @@ impl From<Glass> for GlassKeys {
             layers: glass.layers,
             coatings: glass.coatings,
             bow_radius_m: glass.bow_radius_m,
+            wave: glass.wave,
             roughness: glass.roughness,
             outline: glass.outline,
         }
@@ -243,6 +238,9 @@ mod tests {
         let rough = |roughness: &str| {
             format!(r#"{{"distance_m":1,"thickness_m":0.01,"ior":1.5,"roughness":{roughness}}}"#)
         };
+        let waved = |wave: &str| {
+            format!(r#"{{"distance_m":1,"thickness_m":0.01,"ior":1.5,"wave":{wave}}}"#)
+        };
         let named = |name: &str| {
             format!(r#"{{"distance_m":1,"thickness_m":0.01,"ior":1.5,"glazing":"{name}"}}"#)
         };
@@ -287,6 +285,20 @@ mod tests {
             (
                 layers(r#"{"glass_m":0.01,"ior":1.5}"#).replace("}]}", r#"}],"bow_radius_m":8}"#),
                 "glass.bow_radius_m bends a plain pane only: remove glass.layers and glass.coatings",
+            ),
+            (
+                waved(r#"{"amplitude_m":0.001,"length_m":0.1}"#),
+                "glass.wave has slopes of up to 0.063, but at most 0.05 are allowed: reduce amplitude_m",
+            ),
+            (
+                waved(r#"{"amplitude_m":-1,"length_m":0.1}"#),
+                "glass.wave.amplitude_m is -1, but must be",
+            ),
+            (waved(r#"{"amplitude_m":0,"length_m":0}"#), "glass.wave.length_m is 0, but must be"),
+            (waved(r#"{"amplitude_m":0.001}"#), "missing field `length_m`"),
+            (
+                waved(r#"{"amplitude_m":0.0001,"length_m":0.1},"bow_radius_m":8"#),
+                "glass.wave and glass.bow_radius_m are both given: keep one",
             ),
             (named(""), "glass.glazing is \"\", but must be 1 to 64 characters of [a-z0-9.-]"),
             (named("Double"), "glass.glazing is \"Double\", but must be 1 to 64 characters"),

@@ -86,11 +86,18 @@ fn row(key: &str) -> Option<Limit> {
         "glass.thickness_m" | "glass.absorption_per_m" | "exposure" | "illuminant" => FROM_0,
         "layers.glass_m" | "layers.gap_m" | "layers.absorption_per_m" => FROM_0,
         "glass.ior" | "layers.ior" => Limit::between(1.0, 10.0, "1 to 10"),
-        "coatings.reflectance" | "coatings.transmittance" => Limit::between(0.0, 1.0, "0 to 1"),
+        "coatings.reflectance" | "coatings.reflectance_back" | "coatings.transmittance" => {
+            Limit::between(0.0, 1.0, "0 to 1")
+        }
         "glass.roughness" => Limit::between(0.0, 0.1, "0 to 0.1"),
         "glass.bow_radius_m" | "outline.x_m" | "outline.y_m" | "cards.center_m" => FINITE,
         "outline.frame_m" | "outline.frame_radiance" => FROM_0,
-        "cards.distance_m" | "cards.width_m" => ABOVE_0,
+        "cards.distance_m" | "cards.width_m" | "wave.length_m" => ABOVE_0,
+        "wave.amplitude_m" => FROM_0,
+        "wave.direction_deg" => Limit::between(-360.0, 360.0, "-360 to 360 degrees"),
+        "photographer.distance_m" | "photographer.width_m" | "gap_m" | "view_width" => ABOVE_0,
+        "photographer.offset_m" | "view_x" | "view_y" => FINITE,
+        "frame.frame_m" | "frame.frame_radiance" => FROM_0,
         "glass.tilt_deg" => BELOW_90_DEG,
         "auto_exposure.percentile" => PERCENTILE,
         "exposure_ev" => Limit::between(-30.0, 30.0, "-30 to 30 stops"),

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! scene_line -> side -> photograph, panorama -> image, highlights, depth_range   the line's types
-//! glass, roughness, outline   the pane, its layers, faces and edges   card   flat pictures on a side
+//! glass, coating, roughness, wave, outline   the pane, its layers, faces and edges
+//! card         flat pictures on a side
 //! layers       images to render               side_json, jsonl   sides and manifests as text
 //! roots        resolution of paths            validate, limits   checks of each field
 //! ```
@@ -23,6 +24,7 @@
 //! ```
 
 mod card;
+mod coating;
 mod depth_range;
 mod error;
 mod glass;
@@ -42,11 +44,13 @@ mod scene_line;
 mod side;
 mod side_json;
 mod validate;
+mod wave;
 
 pub use card::Card;
+pub use coating::{FaceCoating, Shares};
 pub use depth_range::DepthRange;
 pub use error::LineError;
-pub use glass::{FaceCoating, Glass, GlassLayer};
+pub use glass::{Glass, GlassLayer};
 pub use highlights::Highlights;
 pub use image::{Apex, DepthKind, Fill, Intrinsics, Orientation, Transfer, one};
 pub use jsonl::{ManifestError, parse_jsonl, parse_scene, to_jsonl};
@@ -60,6 +64,7 @@ pub use scene_line::*;
 pub(crate) use side::card_key;
 pub use side::{MeshFile, MeshPose, Side};
 pub use validate::side as validate_side;
+pub use wave::{MAX_WAVE_SLOPE, Wave};
 
 #[cfg(test)]
 pub(crate) use published::published;

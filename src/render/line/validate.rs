@@ -1,17 +1,14 @@
 //! Checks the fields of a scene line, for example that numbers are within their limits and that no path is empty.
 
 use super::card::Card;
+use super::coating;
 use super::depth_range;
-use super::error::{LineError, within};
+use super::error::{LineError, all_within};
 use super::glass::{Glass, GlassLayer};
-use super::limits;
 use super::panorama::{PanoramaDepth, PanoramaFile};
 use super::photograph::Photograph;
 use super::scene_line::{Focus, SCENE_SCHEMA, SceneLine};
 use super::side::{MeshFile, Side};
-
-/// Numbers by key, below `film`, `camera`, `glass` or a side.
-type Numbers<'a> = [(&'static str, &'a [f64])];
 
 impl SceneLine {
     /// Checks each field. [`crate::scene::check_geometry`] checks pane, lens and film together.
@@ -57,8 +54,9 @@ impl SceneLine {
                 ("tilt_deg", &glass.tilt_deg),
             ],
         )?;
-        coatings(glass)?;
+        coating::check(&glass.coatings, glass.layers.len().max(1))?;
         bow(glass)?;
+        wave(glass)?;
         roughness(glass)?;
         outline(glass)?;
         side("front", &self.front)?;
@@ -108,30 +106,6 @@ fn layers(glass: &Glass) -> Result<(), LineError> {
     Ok(())
 }
 
-fn coatings(glass: &Glass) -> Result<(), LineError> {
-    let last = glass.layers.len().max(1);
-    for (index, coating) in glass.coatings.iter().enumerate() {
-        let face = coating.face;
-        if face as usize > last {
-            return Err(LineError::NoFace { index, face, last });
-        }
-        if glass.coatings[..index].iter().any(|other| other.face == face) {
-            return Err(LineError::FaceTwice { index, face });
-        }
-        let section = format!("glass.coatings[{index}]");
-        let (reflectance, transmittance) = (&coating.reflectance, &coating.transmittance);
-        all_within(&section, &[("reflectance", reflectance), ("transmittance", transmittance)])?;
-        for c in 0..3 {
-            let sum = reflectance[c] + transmittance[c];
-            // Decimal fractions that add up to 1 may exceed it by their rounding.
-            if sum > 1.0 + 1e-9 {
-                return Err(LineError::Light { field: format!("{section}.reflectance[{c}]"), sum });
-            }
-        }
-    }
-    Ok(())
-}
-
 fn bow(glass: &Glass) -> Result<(), LineError> {
     match glass.bow_radius_m {
         None => Ok(()),
@@ -140,6 +114,14 @@ fn bow(glass: &Glass) -> Result<(), LineError> {
         }
         Some(_) if glass.layers.is_empty() && glass.coatings.is_empty() => Ok(()),
         Some(_) => Err(LineError::BowOfStack),
+    }
+}
+
+fn wave(glass: &Glass) -> Result<(), LineError> {
+    match glass.wave {
+        None => Ok(()),
+        Some(_) if glass.bow_radius_m.is_some() => Err(LineError::WaveAndBow),
+        Some(wave) => wave.check(),
     }
 }
 
@@ -265,25 +247,6 @@ fn mesh(side: &str, mesh: &MeshFile) -> Result<(), LineError> {
         return Err(LineError::NoRotation { field: format!("{side}.pose.rotation") });
     }
     all_within(side, &[("pose.translation_m", &pose.translation_m)])
-}
-
-/// Checks numbers against the table of limits. Errors count the elements of arrays from 0.
-fn all_within(section: &str, numbers: &Numbers<'_>) -> Result<(), LineError> {
-    for (key, values) in numbers {
-        let field = format!("{section}.{key}");
-        let limit = limits::limit_of(&field);
-        for (index, &value) in values.iter().enumerate() {
-            if limit.contains(value) {
-                continue;
-            }
-            return if values.len() > 1 {
-                within(&format!("{field}[{index}]"), value, limit)
-            } else {
-                within(&field, value, limit)
-            };
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -8,13 +8,15 @@ use super::facts::{SceneFacts, Sides, SidesWith, order_facts};
 use super::far::far_median_m;
 use super::geometry::{
     BackCamera, bow, cosines_between, film_directions, film_plane, film_reach, layers, outline,
-    roughness, slab, stack,
+    roughness, slab, stack, wave,
 };
 use super::near::Near;
 use super::place::{DecodedSide, Placed};
 use super::surface::{back_surface, front_surface};
 use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine};
-use crate::trace::{Cover, Lens, OrderPlan, RoughPane, Sampling, Scene, StackOptics};
+use crate::trace::{
+    Bow, Cover, Lens, OrderPlan, RoughPane, RoughShape, Sampling, Scene, Slab, StackOptics,
+};
 use glam::DVec3;
 
 /// Places the sides, focuses the lens, checks the geometry and selects the orders of the glass.
@@ -58,11 +60,7 @@ fn assemble_sides(
     let reach = film_reach(&film, &lens);
     let directions = film_directions(reach);
     let bow = bow(line);
-    let cosine = |d: &DVec3| {
-        let met = bow.as_ref().and_then(|bow| bow.entry(&slab, DVec3::ZERO, *d));
-        d.normalize().dot(met.map_or(slab.normal, |(_, normal)| normal))
-    };
-    let cosines: Vec<f64> = directions.iter().map(cosine).collect();
+    let cosines = cosines(&directions, &slab, bow.as_ref());
     let brightest = [max_radiance.front, max_radiance.back];
     let tolerance = line.film.order_tolerance;
     let between = cosines_between(&cosines, reach);
@@ -73,10 +71,14 @@ fn assemble_sides(
             (Some(stack), orders)
         }
     };
-    let rough = roughness(line).map(|alphas| {
-        let pose = (&slab, bow.as_ref(), line.glass.distance_m);
-        let (pane, of_paths) =
-            RoughPane::new(&layers(line), &alphas, pose, between, brightest, tolerance);
+    let wave = wave(line);
+    let shape = RoughShape {
+        slab: &slab,
+        distance_m: line.glass.distance_m,
+        bow: bow.as_ref(),
+        wave: wave.as_ref(),
+    };
+    let rough = rough_pane(line, shape, between, brightest).map(|(pane, of_paths)| {
         orders = of_paths;
         pane
     });
@@ -117,6 +119,7 @@ fn assemble_sides(
         slab,
         stack,
         bow,
+        wave,
         rough,
         orders,
         cover,
@@ -124,6 +127,28 @@ fn assemble_sides(
         back,
     };
     Ok((scene, facts))
+}
+
+/// Returns the cosines of incidence of pinhole rays in these directions.
+fn cosines(directions: &[DVec3], slab: &Slab, bow: Option<&Bow>) -> Vec<f64> {
+    let cosine = |d: &DVec3| {
+        let met = bow.and_then(|bow| bow.entry(slab, DVec3::ZERO, *d));
+        d.normalize().dot(met.map_or(slab.normal, |(_, normal)| normal))
+    };
+    directions.iter().map(cosine).collect()
+}
+
+/// Returns a pane with rough faces or waves and the paths through it; `None` for other panes.
+fn rough_pane(
+    line: &SceneLine,
+    shape: RoughShape<'_>,
+    between: [f64; 2],
+    brightest: [f64; 2],
+) -> Option<(RoughPane, OrderPlan)> {
+    let layers = layers(line);
+    let smooth = || shape.wave.map(|_| vec![0.0; layers.coatings().len()]);
+    let alphas = roughness(line).or_else(smooth)?;
+    Some(RoughPane::new(&layers, &alphas, shape, between, brightest, line.film.order_tolerance))
 }
 
 /// Returns the focus distance, m; `None` for infinity.

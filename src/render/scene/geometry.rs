@@ -1,7 +1,9 @@
 //! Pane, film and back capture camera of a scene line in the lens's coordinates.
 
-use crate::line::{Apex, Filter, GlassLayer, SceneLine};
-use crate::trace::{Bow, Coating, FilmPlane, FilterTable, Lens, Outline, Slab, Stack, StackLayer};
+use crate::line::{Apex, FaceCoating, Filter, GlassLayer, SceneLine};
+use crate::trace::{
+    Bow, Coating, FilmPlane, FilterTable, Lens, Outline, Slab, Stack, StackLayer, Wave,
+};
 use glam::{DMat3, DVec3};
 
 /// Returns the pane of a line.
@@ -45,17 +47,46 @@ pub(super) fn layers(line: &SceneLine) -> Stack {
     };
     let mut coatings = vec![None; of.len() + 1];
     for coating in &glass.coatings {
-        let shares =
-            Coating { reflectance: coating.reflectance, transmittance: coating.transmittance };
-        coatings[coating.face as usize] = Some(shares);
+        coatings[coating.face as usize] = Some(coating_of(coating));
     }
     Stack::new(of.iter().map(layer).collect(), coatings)
+}
+
+/// Returns a face's coating as functions of the angle.
+pub fn coating_of(coating: &FaceCoating) -> Coating {
+    let [reflectance, reflectance_back] =
+        coating.reflectances().map(|shares| coating.curve(shares));
+    Coating { reflectance, reflectance_back, transmittance: coating.curve(&coating.transmittance) }
 }
 
 /// Returns the curvature of a line's pane, if it is bent.
 pub(super) fn bow(line: &SceneLine) -> Option<Bow> {
     let curvature_per_m = 1.0 / line.glass.bow_radius_m?;
     Some(Bow { curvature_per_m, distance_m: line.glass.distance_m })
+}
+
+/// Returns the waves of a line's pane, if it is not flat.
+pub(super) fn wave(line: &SceneLine) -> Option<Wave> {
+    let wave = line.glass.wave.filter(|wave| wave.amplitude_m > 0.0)?;
+    let (sin, cos) = libm::sincos(wave.direction_deg.to_radians());
+    let [right, down] = pane_axes(line);
+    Some(Wave {
+        amplitude_m: wave.amplitude_m,
+        length_m: wave.length_m,
+        across_crests: cos * right + sin * down,
+        distance_m: line.glass.distance_m,
+    })
+}
+
+/// Returns the unit vectors of a line's pane that point right and down for an untilted pane.
+fn pane_axes(line: &SceneLine) -> [DVec3; 2] {
+    let [pitch, yaw] = line.glass.tilt_deg.map(f64::to_radians);
+    let (sin_pitch, cos_pitch) = libm::sincos(pitch);
+    let (sin_yaw, cos_yaw) = libm::sincos(yaw);
+    [
+        DVec3::new(cos_yaw, 0.0, -sin_yaw),
+        DVec3::new(sin_pitch * sin_yaw, cos_pitch, sin_pitch * cos_yaw),
+    ]
 }
 
 /// Returns the roughness of each face of a line's pane, if one of them is rough.
@@ -68,15 +99,9 @@ pub(super) fn roughness(line: &SceneLine) -> Option<Vec<f64>> {
 /// Returns the edges of a line's pane. The camera's exposure and white balance apply to the frame.
 pub(super) fn outline(line: &SceneLine) -> Option<Outline> {
     let outline = line.glass.outline.as_ref()?;
-    let [pitch, yaw] = line.glass.tilt_deg.map(f64::to_radians);
-    let (sin_pitch, cos_pitch) = libm::sincos(pitch);
-    let (sin_yaw, cos_yaw) = libm::sincos(yaw);
     let balance = line.camera.white_balance.map(|balance| line.camera.exposure * balance);
     Some(Outline {
-        axes: [
-            DVec3::new(cos_yaw, 0.0, -sin_yaw),
-            DVec3::new(sin_pitch * sin_yaw, cos_pitch, sin_pitch * cos_yaw),
-        ],
+        axes: pane_axes(line),
         distance_m: line.glass.distance_m,
         glass_m: [outline.x_m, outline.y_m],
         frame_m: outline.frame_m,
@@ -164,12 +189,12 @@ impl BackCamera {
     }
 
     /// Returns the mirror image of a point of the world in the front face.
-    pub(super) fn mirrored_point(&self, point: DVec3) -> DVec3 {
+    pub(crate) fn mirrored_point(&self, point: DVec3) -> DVec3 {
         self.mirror() * point + self.normal * self.twice_distance_m()
     }
 
     /// Returns the mirror image of a direction.
-    pub(super) fn mirrored_direction(&self, direction: DVec3) -> DVec3 {
+    pub(crate) fn mirrored_direction(&self, direction: DVec3) -> DVec3 {
         self.mirror() * direction
     }
 

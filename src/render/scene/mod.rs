@@ -54,6 +54,7 @@ pub use error::{AssembleError, MAX_TOO_NEAR_SHARE};
 pub use facts::{OrderFact, SceneFacts, Sides, SidesWith};
 pub use far::{FAR_MEDIAN_M, far_depth_m, far_text};
 pub(crate) use geometry::BackCamera;
+pub use geometry::coating_of;
 pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
     load_with, read_files, read_files_by,

@@ -80,7 +80,11 @@ impl Sight {
             bow: bow(line),
             aperture_radius_m,
             scatter: roughness(line)
-                .map_or(0.0, |alphas| scatter(&layers(line), &alphas, order(0))),
+                .map_or(0.0, |alphas| scatter(&layers(line), &alphas, order(0)))
+                + line
+                    .glass
+                    .wave
+                    .map_or(0.0, |wave| waved(&layers(line), wave.largest_slope(), order(0))),
             rotation,
             order,
             passes_beside: line.glass.outline.is_some(),
@@ -169,6 +173,21 @@ fn scatter(pane: &Stack, alphas: &[f64], order: Order) -> f64 {
         * match order {
             Order::Transmitted(_) => refracted.sqrt(),
             Order::Reflected(_) => (reflected * reflected + 2.0 * refracted).sqrt(),
+        }
+}
+
+/// Bounds the tangent by which waves with this slope turn the light of `order`: by twice the slope in each reflection, which the
+/// way out of the glass multiplies by the index, and by the slope times the step of the index in each refraction.
+fn waved(pane: &Stack, slope: f64, order: Order) -> f64 {
+    let step = |face| {
+        let [near, far] = pane.iors(face);
+        (far - near).abs()
+    };
+    let refracted: f64 = (0..pane.coatings().len()).map(step).sum();
+    slope
+        * match order {
+            Order::Transmitted(_) => refracted,
+            Order::Reflected(_) => 2.0 * (pane.largest_ior() + refracted),
         }
 }
 

@@ -9,8 +9,9 @@ use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Name of the set of scenes. Every change of the set needs a new name.
-pub(super) const SET: &str = "builtin/5";
+/// Names of the sets of scenes, and the number of scenes of each: a set contains those of the sets before it. A run keeps the set
+/// of its planning.
+const SETS: [(&str, usize); 2] = [("builtin/5", 19), ("builtin/6", 25)];
 
 /// Tracer version of the digests below.
 #[cfg(test)]
@@ -37,11 +38,24 @@ const DIGESTS: &[(&str, &str)] = &[
     ("jpeg", "0796ed498897b641502085b1e8eddc81c01da818fded80b1d331ad42be9afc7f"),
     ("turned", "b3e16f60cd772cff19e23da9bc1f22e0ea8856cad1a0bc1a8aeddea6accea8e0"),
     ("display-p3", "35bcacb7dacc4b45a1ebd289bf069a1a61bee6addc498dd7b146c0d4f3f716fc"),
+    ("double", "d091aec5da3f6bb069c1faffadac9e56ab23ce235d7a92cf47700f053d1a9a5c"),
+    ("bent", "20827c7e72a2f486383a7b46d7382bb49b49cda23e7c4054d09d28e81eef817a"),
+    ("rough", "062de532040a5243bb502ab23130548e79bbe969b1288a5662177f81a51f0501"),
+    ("waved", "aa58972accad270060c635dfa44f5d61d55d0e289eae75310264b8196f4a6913"),
+    ("framed", "9528fe93caf2a7cb7f47f5d9e8b7401c3717528b6792b02bbde8b8286e59a03a"),
+    ("framed-camera", "fc52b28c2d77c2ac9906d2d831eefbd165b7a5f90d875162aa6e8f0d4c2d9654"),
 ];
 
 /// Traces the golden scenes on this machine, which takes one thread tens of milliseconds. Returns one joint digest.
 pub fn golden(isa: Isa, threads: usize) -> Golden {
-    let scenes = golden_scenes();
+    golden_of(SETS[SETS.len() - 1].0, isa, threads)
+}
+
+/// Traces the golden scenes of a run's set; for an unknown set, those of the newest one.
+pub fn golden_of(set: &str, isa: Isa, threads: usize) -> Golden {
+    let (set, count) = known(set);
+    let mut scenes = golden_scenes();
+    scenes.truncate(count);
     let digests: Vec<OnceLock<String>> = scenes.iter().map(|_| OnceLock::new()).collect();
     let next = AtomicUsize::new(0);
     let trace = || {
@@ -59,20 +73,32 @@ pub fn golden(isa: Isa, threads: usize) -> Golden {
         }
         trace();
     });
-    digest_of(digests.iter().map(|digest| digest.wait().as_str()))
+    digest_of(set, digests.iter().map(|digest| digest.wait().as_str()))
 }
 
 /// Returns the digest that every machine must reproduce with this version of the tracer.
 pub fn pinned() -> Golden {
-    digest_of(DIGESTS.iter().map(|(_, digest)| *digest))
+    pinned_of(SETS[SETS.len() - 1].0)
 }
 
-fn digest_of<'a>(digests: impl Iterator<Item = &'a str>) -> Golden {
+/// Returns the digest of a run's set; for an unknown set, that of the newest one.
+pub fn pinned_of(set: &str) -> Golden {
+    let (set, count) = known(set);
+    digest_of(set, DIGESTS[..count].iter().map(|(_, digest)| *digest))
+}
+
+/// Returns the name of a set and the number of its scenes; for an unknown set, those of the newest one.
+fn known(set: &str) -> (&'static str, usize) {
+    let found = SETS.into_iter().find(|(name, _)| *name == set);
+    found.unwrap_or(SETS[SETS.len() - 1])
+}
+
+fn digest_of<'a>(set: &str, digests: impl Iterator<Item = &'a str>) -> Golden {
     let mut hasher = blake3::Hasher::new();
     for digest in digests {
         hasher.update(digest.as_bytes());
     }
-    Golden { scene: SET.to_owned(), blake3: hasher.finalize().to_hex().to_string() }
+    Golden { scene: set.to_owned(), blake3: hasher.finalize().to_hex().to_string() }
 }
 
 /// Returns a scene's film as one tile, and the sample ranges that a run uses.
@@ -149,5 +175,11 @@ mod tests {
         }
         assert_eq!(golden(Isa::Baseline, 1), golden(Isa::detect(), 3));
         assert_eq!(golden(Isa::detect(), 2), pinned());
+        for (set, _) in SETS {
+            assert_eq!(golden_of(set, Isa::detect(), 1), pinned_of(set));
+        }
+        let older = "9b630788";
+        assert_eq!(&pinned_of("builtin/5").blake3[..8], older, "older runs must stay valid");
+        assert_eq!(golden_of("unknown", Isa::detect(), 1), pinned());
     }
 }

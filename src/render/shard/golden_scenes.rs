@@ -2,18 +2,21 @@
 //! readers of pictures.
 //!
 //! A new scene needs a row in [`SCENES`], its digest in the table of `golden.rs` (the test prints it), a reference
-//! image (see `tests/physics/golden.rs`) and a new name of the set, [`super::golden::SET`].
+//! image (see `tests/physics/golden.rs`) and a new name of the set, `SETS` there.
 
+use crate::curve::Curve;
 use crate::formats::NamedBytes;
 use crate::label::LabelSet;
 use crate::layer::PerLayer;
 use crate::line::Apex;
 use crate::scene::{BackCamera, decode_srgb_image};
 use crate::trace::{
-    Cover, FilmPlane, FilterTable, Grid, Lens, OrderPlan, Pose, Sampling, Scene, Slab, Texture,
-    View,
+    Bow, Card, Coating, Cover, FilmPlane, FilterTable, Grid, Lens, OrderPlan, Outline, Pose,
+    RoughPane, RoughShape, Sampling, Scene, Slab, Stack, StackLayer, StackOptics, Texture, View,
+    Wave,
 };
 use glam::DVec3;
+use std::sync::Arc;
 
 /// A scene of the golden set.
 pub struct GoldenScene {
@@ -43,8 +46,73 @@ struct Parameters {
     order_tolerance: f64,
     target_error: Option<f64>,
     layers: [bool; 4],
+    pane: Pane,
     /// File of the front's colour image; none for a texture of hashes.
     photograph: Option<Photograph>,
+}
+
+/// Makes of panes beyond a plain one.
+#[derive(Clone, Copy, PartialEq)]
+enum Pane {
+    Plain,
+    /// Two layers and a gap, with a coating that depends on angle and side.
+    Double,
+    /// A sphere with its centre on the camera's side.
+    Bent,
+    /// A double pane with rough faces.
+    Rough,
+    /// Faces with waves.
+    Waved,
+    /// Edges with a frame, and a card on either side.
+    Framed,
+}
+
+impl Pane {
+    /// Returns the layers of a pane that is not plain.
+    fn stack(self) -> Option<Stack> {
+        if !matches!(self, Self::Double | Self::Rough | Self::Waved) {
+            return None;
+        }
+        let layer = |thickness_m, ior| StackLayer { thickness_m, ior, absorption_per_m: [0.0; 3] };
+        let curve = |values: [f64; 3]| {
+            let rows = values.map(|v| [v, 0.8 * v, 0.9 * v]);
+            Curve::through(vec![0.0, 0.6, 1.0], rows.to_vec())
+        };
+        let coating = Coating {
+            reflectance: curve([1.0, 0.15, 0.1]),
+            reflectance_back: curve([1.0, 0.2, 0.05]),
+            transmittance: curve([0.0, 0.75, 0.8]),
+        };
+        let layers = vec![layer(0.004, 1.52), layer(0.016, 1.0), layer(0.004, 1.5)];
+        Some(Stack::new(layers, vec![None, Some(coating), None, None]))
+    }
+
+    /// Returns the edges of the pane and its cards; cards have a texture of their own and alphas of its red.
+    fn cover(self, slab: &Slab, camera: &BackCamera) -> Cover {
+        if self != Self::Framed {
+            return Cover::default();
+        }
+        let texel = |q: usize| {
+            let alpha = (hash(q, 7) % 256) as f32 / 255.0;
+            [0.4 * alpha, 0.2 * alpha, 0.1 * alpha, alpha]
+        };
+        let texels: Vec<[f32; 4]> = (0..12 * 10).map(texel).collect();
+        let picture = Arc::new(Texture::from_vec(12, 10, texels));
+        let [across, down] = [DVec3::X, DVec3::Y];
+        let front =
+            Card::new(DVec3::new(-0.05, -0.2, 0.5), 0.3 * across, 0.25 * down, picture.clone());
+        let [corner, right] = [DVec3::new(0.02, -0.1, -0.1), DVec3::new(-0.15, 0.0, 0.0)];
+        let [right, below] = [right, 0.12 * down].map(|v| camera.mirrored_direction(v));
+        let back = Card::new(camera.mirrored_point(corner), right, below, picture);
+        let outline = Outline {
+            axes: [across, down],
+            distance_m: slab.plane_distance_m / slab.normal.z,
+            glass_m: [[-0.06, 0.05], [-0.1, 0.04]],
+            frame_m: 0.01,
+            frame_radiance: [0.3, 0.2, 0.1],
+        };
+        Cover { outline: Some(outline), cards: [vec![front], vec![back]] }
+    }
 }
 
 /// The name and the bytes of a picture that `tests/physics/golden/pictures.py` has made.
@@ -74,6 +142,7 @@ impl Parameters {
             order_tolerance: 7.6e-5,
             target_error: None,
             layers: [true; 4],
+            pane: Pane::Plain,
             photograph: None,
         }
     }
@@ -115,6 +184,36 @@ impl Parameters {
         }
         let back = self.view(100, pose, sign);
         let radiance = [&front, &back].map(|view| f64::from(view.texture.max_radiance()));
+        let between = [
+            cosines.into_iter().fold(1.0, f64::min),
+            // The normal itself may lie between the directions.
+            1.0,
+        ];
+        let tolerance = self.order_tolerance;
+        let mut orders = OrderPlan::new(&slab, &cosines, radiance, tolerance);
+        let layers = self.pane.stack();
+        let stack = layers.as_ref().filter(|_| self.pane == Pane::Double).map(|layers| {
+            let (stack, of_stack) = StackOptics::new(layers, between, radiance, tolerance);
+            orders = of_stack;
+            stack
+        });
+        let bow =
+            (self.pane == Pane::Bent).then_some(Bow { curvature_per_m: 0.2, distance_m: 0.3 });
+        let wave = (self.pane == Pane::Waved).then_some(Wave {
+            amplitude_m: 2e-4,
+            length_m: 0.08,
+            across_crests: DVec3::new(0.6, 0.8, 0.0),
+            distance_m: 0.3,
+        });
+        let alphas = [0.01, 0.02, 0.0, 0.01].map(|alpha| if wave.is_some() { 0.0 } else { alpha });
+        let rough = layers.filter(|_| self.pane != Pane::Double).map(|layers| {
+            let wave = wave.as_ref();
+            let shape = RoughShape { slab: &slab, distance_m: 0.3, bow: None, wave };
+            let (pane, of_paths) =
+                RoughPane::new(&layers, &alphas, shape, between, radiance, tolerance);
+            orders = of_paths;
+            pane
+        });
         Scene {
             seed: 2020,
             sampling: Sampling::Sobol,
@@ -128,12 +227,13 @@ impl Parameters {
                 aperture_radius_m: self.aperture_radius_m,
                 inverse_focus_per_m: self.inverse_focus_per_m,
             },
-            orders: OrderPlan::new(&slab, &cosines, radiance, self.order_tolerance),
+            orders,
+            cover: self.pane.cover(&slab, &camera),
             slab,
-            stack: None,
-            bow: None,
-            rough: None,
-            cover: Cover::default(),
+            stack,
+            bow,
+            wave,
+            rough,
             front: front.into(),
             back: back.into(),
         }
@@ -179,7 +279,7 @@ fn hash(q: usize, salt: u32) -> u32 {
 type Change = fn(&mut Parameters);
 
 /// Names of the scenes and their changes to [`Parameters::new`], in a fixed order.
-const SCENES: [(&str, Change); 19] = [
+const SCENES: [(&str, Change); 25] = [
     // With apex `mirror`, R is in closed form.
     ("mirror", |_| {}),
     ("mirror-gaussian", |w| w.gaussian = true),
@@ -231,6 +331,18 @@ const SCENES: [(&str, Change); 19] = [
     ("jpeg", |w| w.photograph = Some(PROGRESSIVE)),
     ("turned", |w| w.photograph = Some(TURNED)),
     ("display-p3", |w| w.photograph = Some(DISPLAY_P3)),
+    ("double", |w| {
+        w.pane = Pane::Double;
+        w.tilt_deg = [4.0, -9.0];
+    }),
+    ("bent", |w| w.pane = Pane::Bent),
+    ("rough", |w| w.pane = Pane::Rough),
+    ("waved", |w| w.pane = Pane::Waved),
+    ("framed", |w| w.pane = Pane::Framed),
+    ("framed-camera", |w| {
+        w.pane = Pane::Framed;
+        w.from_camera = true;
+    }),
 ];
 
 /// Makes all golden scenes, in a fixed order.
@@ -291,6 +403,13 @@ mod tests {
         }
         any("many orders", &|s| s.orders.back.len() >= 8);
         any("a target error", &|s| s.target_error.is_some());
+        any("a stack of layers", &|s| s.stack.is_some());
+        any("a bent pane", &|s| s.bow.is_some());
+        any("rough faces", &|s| s.rough.is_some() && s.wave.is_none());
+        any("waves", &|s| s.wave.is_some());
+        any("a frame and cards", &|s| {
+            s.cover.outline.is_some() && s.cover.cards.iter().all(|cards| !cards.is_empty())
+        });
         any("omitted layers", &|s| s.layers.0 != [true; 4]);
         any("several blocks", &|s| s.spp > 256);
         any("one sample", &|s| s.spp == 1);

@@ -17,7 +17,7 @@ mod spec;
 #[cfg(test)]
 mod sweep_tests;
 
-pub use golden::{golden, pinned, whole};
+pub use golden::{golden, golden_of, pinned, pinned_of, whole};
 pub use golden_scenes::{GoldenScene, golden_scenes};
 pub use layout::{
     MAX_SHARDS, SECONDS_PER_SAMPLE, Shard, ShardLayout, TooManyShards, choose_tile_px,

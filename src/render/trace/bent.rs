@@ -194,7 +194,7 @@ impl RayLanes {
 
     /// Sets lane `l` from a point and a direction; those of reflected rays are mirrored in the plane of the pane.
     #[inline(always)]
-    fn set(
+    pub(super) fn set(
         &mut self,
         l: usize,
         slab: &Slab,
@@ -222,7 +222,7 @@ impl RayLanes {
 
 /// The dot product with a fixed order of its sums.
 #[inline(always)]
-fn dot(a: Vec3, b: Vec3) -> f32 {
+pub(super) fn dot(a: Vec3, b: Vec3) -> f32 {
     a.x * b.x + a.y * b.y + a.z * b.z
 }
 

@@ -46,7 +46,9 @@ struct Axis {
 pub(super) fn closed_view(scene: &Scene) -> Option<&View> {
     match &scene.back {
         Surface::Sheet(view)
-            if view.pose == Pose::Aligned { extra_m: 0.0 } && scene.bow.is_none() =>
+            if view.pose == Pose::Aligned { extra_m: 0.0 }
+                && scene.bow.is_none()
+                && scene.wave.is_none() =>
         {
             Some(view)
         }

@@ -57,6 +57,7 @@ mod texture;
 mod tile;
 mod tracer;
 mod walk;
+mod wave;
 
 pub use adaptive::CELL_PX;
 pub use bow::Bow;
@@ -67,13 +68,14 @@ pub use means::{PixelMeans, square_error};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshCounts, NEAR_M};
 pub use orders::{FollowedOrder, OrderPlan};
 pub use probe::{BundleProbe, ProbeRay, WalkCount, sample_patch};
-pub use rough::{Meeting, RoughPane};
+pub use rough::{Meeting, RoughPane, RoughShape};
 pub use sampler::{BLOCK, PixelSeed, sample};
 pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, Surface, View};
 pub use slab::{Order, Slab};
 pub use stack::{Coating, Exit, Stack, StackLayer, StackOptics, StackOrder, StackTable};
 pub use texture::Texture;
 pub use tile::{Tile, TileResult, trace_tile};
+pub use wave::Wave;
 
 /// Version of the tracer's results; a change of a pixel or stated error must raise it. A run rejects other versions.
 pub const TRACER_VERSION: u32 = 5;

@@ -35,7 +35,9 @@ pub(super) fn meets(scene: &Scene, cards: &[Card], patch: &Patch, path: Path<'_>
     let (aperture_m, inverse_focus_per_m) = match path {
         Path::Pinhole => (0.0, 0.0),
         // Nothing bounds the directions.
-        Path::Bent(..) | Path::BentPinhole(_) | Path::Rough(_) => return true,
+        Path::Bent(..) | Path::BentPinhole(_) | Path::WavedPinhole(_) | Path::Rough(_) => {
+            return true;
+        }
         _ => (scene.lens.aperture_radius_m, scene.lens.inverse_focus_per_m),
     };
     let spread = aperture_m * inverse_focus_per_m;

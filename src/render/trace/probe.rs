@@ -7,7 +7,9 @@ use super::camera::CameraChunk;
 use super::closed::closed_view;
 use super::isa::{AVX2, AVX512, BASELINE, Isa};
 use super::lanes::{CHUNK, LANES, Lane};
-use super::lines::{LineMaker, Path, ViewLanes, path_of, span_of_area, span_of_lines};
+use super::lines::{
+    LineMaker, Path, ViewLanes, path_of, pinhole_path, span_of_area, span_of_lines,
+};
 use super::patch::{Area, PATCH_PX, Patch};
 use super::sampler::{PixelSeed, SeedLanes, points};
 use super::scene::{Pose, Sampling, Scene, Surface, View};
@@ -111,7 +113,7 @@ impl<'a> BundleProbe<'a> {
             return None;
         };
         let path = match order {
-            None => scene.bow.as_ref().map_or(Path::Pinhole, Path::BentPinhole),
+            None => pinhole_path(scene),
             Some(order) => {
                 let followed = scene.orders.front.iter().chain(&scene.orders.back);
                 let of_side = followed.filter(|f| {

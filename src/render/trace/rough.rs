@@ -28,9 +28,12 @@ pub use paths::Meeting;
 pub(super) use rays::{CameraRays, RoughRays};
 
 use super::bow::Bow;
+use super::lanes::{floor, max, min};
 use super::orders::OrderPlan;
 use super::slab::{Order, Slab};
 use super::stack::{Exit, Stack};
+use super::wave::{Wave, WaveLanes};
+use crate::curve::Curve;
 use glam::{DVec3, Vec3};
 use paths::Selected;
 
@@ -45,8 +48,20 @@ pub struct RoughPane {
     /// Distance of the pivot from the lens along the optical axis, m.
     distance_m: f32,
     curvature_per_m: f32,
+    wave: Option<WaveLanes>,
     /// True if the weights of the three colours differ.
     is_coloured: bool,
+}
+
+/// Pose and shape of a pane with rough faces.
+#[derive(Clone, Copy, Debug)]
+pub struct RoughShape<'a> {
+    pub slab: &'a Slab,
+    /// Distance of the pivot from the lens along the optical axis, m.
+    pub distance_m: f64,
+    /// Curvature of a bent pane, which has no waves.
+    pub bow: Option<&'a Bow>,
+    pub wave: Option<&'a Wave>,
 }
 
 /// A path, ready for tracing.
@@ -56,7 +71,7 @@ pub(super) struct RoughPath {
     meetings: Vec<Meeting>,
     is_front: bool,
     /// Product of the shares of coated faces, for each colour.
-    coated: [f32; 3],
+    coated: Coated,
     absorbs: bool,
 }
 
@@ -71,10 +86,53 @@ struct Step {
     is_coated: bool,
     /// Distance along the normal from the face before it, m; positive away from the lens. Unused at the first step.
     travel_m: f32,
+    /// Distance of the face from face 0, m.
+    depth_m: f32,
     /// Constant of the quadratic equation of the way between two spheres, m: half of it is -`travel_m` without curvature.
     constant_m: f32,
     /// Absorption coefficients of the layer crossed on the way, per metre.
     absorption_per_m: [f32; 3],
+}
+
+/// The product of the shares of a path's coated faces, as a function of the cosine of the camera ray's incidence: facets change
+/// Fresnel's shares, but not those of coatings.
+#[derive(Clone, Debug, PartialEq)]
+struct Coated {
+    /// Shares at equal steps of the cosine from 0 to 1, or at all angles.
+    rows: Vec<[f32; 3]>,
+}
+
+impl Coated {
+    /// Steps of the cosine. Linear interpolation between them is exact to some 1e-5 for a coating with rows every ten degrees.
+    const STEPS: u32 = 256;
+
+    fn new(shares: &[&Curve]) -> Self {
+        let at = |cos: f64| {
+            let mut product = [1.0; 3];
+            for share in shares {
+                let share = share.at(cos);
+                (0..3).for_each(|c| product[c] *= share[c]);
+            }
+            product.map(|share| share as f32)
+        };
+        let is_constant = shares.iter().all(|share| share.is_constant());
+        let steps = if is_constant { 0 } else { Self::STEPS };
+        let rows = (0..=steps).map(|i| at(f64::from(i) / f64::from(Self::STEPS))).collect();
+        Self { rows }
+    }
+
+    /// Returns the share of a colour.
+    #[inline(always)]
+    fn at(&self, colour: usize, cos: f32) -> f32 {
+        if self.rows.len() == 1 {
+            return self.rows[0][colour];
+        }
+        let (whole, index) = floor(min(max(cos, 0.0), 1.0) * Self::STEPS as f32);
+        let index = (index as usize).min(self.rows.len() - 2);
+        let [from, to] = [self.rows[index][colour], self.rows[index + 1][colour]];
+        let within = cos * Self::STEPS as f32 - whole;
+        from + (to - from) * within
+    }
 }
 
 impl RoughPane {
@@ -84,7 +142,7 @@ impl RoughPane {
     pub fn new(
         stack: &Stack,
         alphas: &[f64],
-        (slab, bow, distance_m): (&Slab, Option<&Bow>, f64),
+        RoughShape { slab, distance_m, bow, wave }: RoughShape<'_>,
         cosines: [f64; 2],
         max_radiance: [f64; 2],
         tolerance: f64,
@@ -112,10 +170,12 @@ impl RoughPane {
             |path: &Selected| RoughPath::new(stack, [alphas, &distinct], curvature_per_m, path);
         let normal = slab.normal;
         let across = (DVec3::X - normal * normal.x).normalize();
+        let axes = [across, normal.cross(across), normal];
         let pane = Self {
             paths: [0, 1].map(|side: usize| sides[side].0.iter().map(prepare).collect()),
             alphas: distinct.iter().map(|alpha| *alpha as f32).collect(),
-            axes: [across, normal.cross(across), normal].map(DVec3::as_vec3),
+            axes: axes.map(DVec3::as_vec3),
+            wave: wave.map(|wave| wave.lanes(axes)),
             distance_m: distance_m as f32,
             curvature_per_m: curvature_per_m as f32,
             is_coloured: stack.is_coloured(),
@@ -142,14 +202,13 @@ impl RoughPath {
         curvature_per_m: f64,
         path: &Selected,
     ) -> Self {
-        let (mut coated, mut before) = ([1.0; 3], 0);
+        let (mut coated, mut before) = (vec![], 0);
         let mut steps = vec![];
         for (number, &Meeting { face, inward, reflects }) in path.meetings.iter().enumerate() {
             let [near, far] = stack.iors(face);
             let ior = if inward { [near, far] } else { [far, near] };
             if let Some(coating) = &stack.coatings()[face] {
-                let share = if reflects { coating.reflectance } else { coating.transmittance };
-                (0..3).for_each(|c| coated[c] *= share[c]);
+                coated.push(coating.share(inward, reflects));
             }
             let [from_m, to_m] = [stack.depth_m(before), stack.depth_m(face)];
             let crossed = (number > 0).then(|| &stack.layers()[before.min(face)]);
@@ -160,6 +219,7 @@ impl RoughPath {
                 reflects,
                 is_coated: stack.coatings()[face].is_some(),
                 travel_m: (to_m - from_m) as f32,
+                depth_m: to_m as f32,
                 constant_m: (of_sphere(from_m) - of_sphere(to_m)) as f32,
                 absorption_per_m: crossed
                     .map_or([0.0; 3], |layer| layer.absorption_per_m)
@@ -170,6 +230,6 @@ impl RoughPath {
         let absorbs = steps.iter().any(|step| step.absorption_per_m != [0.0; 3]);
         let is_front = path.exit == Exit::Transmitted;
         let meetings = path.meetings.clone();
-        Self { steps, meetings, is_front, coated: coated.map(|share: f64| share as f32), absorbs }
+        Self { steps, meetings, is_front, coated: Coated::new(&coated), absorbs }
     }
 }

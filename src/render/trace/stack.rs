@@ -11,7 +11,7 @@
 //! (see [`super::slab`], the case of one layer). An *order* is the light with one kappa: the sum over all paths that cross
 //! the same length of each medium. Its weight is the sum over these paths of the product of the reflectance or transmittance
 //! of each face that it meets and of exp(-a h_l / cos_l) for each passage; s and p are kept apart to the end. A coating
-//! replaces both Fresnel factors of its face.
+//! replaces the Fresnel factors of its face.
 //!
 //! The weights of all orders follow from one breadth-first search: light that is at the same face, has the same direction and
 //! has crossed the same lengths is one state, so the number of states grows with a power of the number of reflections, not exponentially.
@@ -30,14 +30,6 @@ pub struct StackLayer {
     pub ior: f64,
     /// Absorption coefficient of red, green, blue, per metre; 0 for a gap.
     pub absorption_per_m: [f64; 3],
-}
-
-/// Shares of the light that a coated face reflects and transmits at all angles, for s and p, from both sides.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Coating {
-    pub reflectance: [f64; 3],
-    /// At most 1 - reflectance; the coating absorbs the rest.
-    pub transmittance: [f64; 3],
 }
 
 /// Parallel layers of glass and gaps, from the camera outwards. Face i lies before layer i, and the last face behind all.
@@ -69,6 +61,21 @@ pub struct StackOrder {
 
 /// A number for s and p (outer) and for red, green and blue.
 type Power = [[f64; 3]; 2];
+
+/// Reflectance of a face from the camera's side and from the other, and its transmittance.
+#[derive(Clone, Copy)]
+struct Face {
+    r: Power,
+    r_back: Power,
+    t: Power,
+}
+
+impl Face {
+    /// Returns the reflectance for light that travels away from the camera (`inward`) or towards it.
+    fn reflected(&self, inward: bool) -> &Power {
+        if inward { &self.r } else { &self.r_back }
+    }
+}
 
 /// A state of the search: the next face, true for light that travels away from the camera, and the lengths crossed so far.
 type State = (usize, bool, Vec<i64>);
@@ -136,9 +143,8 @@ impl Stack {
     /// True if colours differ: glass that absorbs, or a coating with different shares.
     pub fn is_coloured(&self) -> bool {
         let differs = |of: &[f64; 3]| of[0] != of[1] || of[1] != of[2];
-        let of_coating = |c: &Coating| differs(&c.reflectance) || differs(&c.transmittance);
         self.layers.iter().any(|layer| differs(&layer.absorption_per_m))
-            || self.coatings.iter().flatten().any(of_coating)
+            || self.coatings.iter().flatten().any(Coating::is_coloured)
     }
 
     /// Returns the shift of an order's line along the normal at cosine of incidence `cos_i` in (0, 1], m.
@@ -175,11 +181,10 @@ impl Stack {
             let mut next: BTreeMap<State, Vec<Power>> = BTreeMap::new();
             for ((face, inward, lengths_fm), before) in states {
                 for reflected in [false, true] {
-                    let share = |faces: &[(Power, Power)]| {
-                        if reflected { faces[face].0 } else { faces[face].1 }
+                    let of = |(power, (faces, _)): (&Power, &(Vec<Face>, _))| {
+                        let face = &faces[face];
+                        product(power, if reflected { face.reflected(inward) } else { &face.t })
                     };
-                    let of =
-                        |(power, (faces, _)): (&Power, &(Vec<_>, _))| product(power, &share(faces));
                     let mut powers: Vec<Power> = before.iter().zip(&optics).map(of).collect();
                     if powers.as_flattened().as_flattened().iter().all(|p| *p < least) {
                         continue;
@@ -220,13 +225,13 @@ impl Stack {
     /// after the other, beginning with the last.
     pub fn totals(&self, cos_i: f64) -> [[f64; 3]; 2] {
         let (faces, tau) = (self.faces(cos_i), self.tau(cos_i));
-        let (mut reflected, mut transmitted) = faces[self.layers.len()];
+        let Face { r: mut reflected, t: mut transmitted, .. } = faces[self.layers.len()];
         for face in (0..self.layers.len()).rev() {
-            let (r, t) = faces[face];
+            let Face { r, r_back, t } = faces[face];
             for q in 0..2 {
                 for c in 0..3 {
                     let square = tau[face][c] * tau[face][c];
-                    let rounds = 1.0 - r[q][c] * square * reflected[q][c];
+                    let rounds = 1.0 - r_back[q][c] * square * reflected[q][c];
                     transmitted[q][c] *= t[q][c] * tau[face][c] / rounds;
                     reflected[q][c] =
                         r[q][c] + t[q][c] * t[q][c] * square * reflected[q][c] / rounds;
@@ -244,10 +249,17 @@ impl Stack {
     }
 
     /// Computes reflectance and transmittance of each face.
-    fn faces(&self, cos_i: f64) -> Vec<(Power, Power)> {
-        let of = |(face, coating): (usize, &Option<Coating>)| match coating {
-            Some(coating) => ([coating.reflectance; 2], [coating.transmittance; 2]),
-            None => fresnel(self.iors(face), cos_i),
+    fn faces(&self, cos_i: f64) -> Vec<Face> {
+        let of = |(face, coating): (usize, &Option<Coating>)| {
+            let Some(coating) = coating else {
+                let (r, t) = fresnel(self.iors(face), cos_i);
+                return Face { r, r_back: r, t };
+            };
+            Face {
+                r: [coating.reflectance.at(cos_i); 2],
+                r_back: [coating.reflectance_back.at(cos_i); 2],
+                t: [coating.transmittance.at(cos_i); 2],
+            }
         };
         self.coatings.iter().enumerate().map(of).collect()
     }
@@ -301,8 +313,10 @@ fn product(a: &Power, b: &Power) -> Power {
     [0, 1].map(|q| [0, 1, 2].map(|c| a[q][c] * b[q][c]))
 }
 
+mod coating;
 mod table;
 
+pub use coating::Coating;
 pub use table::{StackOptics, StackTable};
 
 #[cfg(test)]

@@ -329,6 +329,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
         slab,
         stack: None,
         bow: None,
+        wave: None,
         rough: None,
         cover: Cover::default(),
         front: view(1, Pose::Aligned { extra_m: 0.0 }, 1.0).into(),

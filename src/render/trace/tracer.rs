@@ -19,7 +19,7 @@ use super::bundle::{Bundle, BundleRays, Feeds};
 use super::camera::CameraChunk;
 use super::isa::Isa;
 use super::lanes::{CHUNK, LANES};
-use super::lines::{Path, ViewLanes, path_of, smooth_path_of};
+use super::lines::{Path, ViewLanes, path_of, pinhole_path, smooth_path_of};
 use super::means::{
     Components, LaneSums, Means, NO_SUMS, NOTHING, Wanted, add_means_of, ends_in_block,
 };
@@ -123,11 +123,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
                     let within = |end: u32| end.saturating_sub(first).min(taken) as usize;
                     let ends = [clean / 4, clean / 2, clean].map(within);
                     let sums = self.sums.len() - 1;
-                    let path = match &scene.bow {
-                        Some(bow) => Path::BentPinhole(bow),
-                        None => Path::Pinhole,
-                    };
-                    let path = (path, None, Feeds::Order);
+                    let path = (pinhole_path(scene), None, Feeds::Order);
                     self.follow(&place, path, sums, clean, ends);
                 }
             }

@@ -19,6 +19,9 @@ type Seed = (&'static str, String, Vec<u8>);
 
 const LINE: &str = r#"{"schema":"glasshouse.scene/1","id":"a","split":"test","seed":7,"film":{"width":3,"height":2,"spp":4,"filter":"gaussian","order_tolerance":0.001},"camera":{"focal_length_mm":55.0,"aperture_radius_m":0.009,"focus":{"at":"front_center"}},"glass":{"distance_m":0.3,"thickness_m":0.01,"ior":1.6,"absorption_per_m":[0.1,0,5e-1],"tilt_deg":[1.5,-2]},"front":{"color":"a.png","depth":"NAME:a.npy","mask":"m.npy","transfer":"linear","depth_unit_m":0.001,"depth_kind":"distance","intrinsics":{"fx":9,"fy":9.5,"cx":1.5,"cy":1,"size":[3,2]},"exposure":2,"fill":"far"},"back":{"color":"b.png","depth":"b.npy","intrinsics":{"fx":9,"fy":9,"cx":1.5,"cy":1},"apex":"camera"}}"#;
 
+/// A line with all keys of windows that combine.
+const WINDOW: &str = r#"{"schema":"glasshouse.scene/1","id":"w","split":"train","seed":7,"film":{"width":3,"height":2,"spp":4,"layers":["input","glass_reflection","coverage","ghosts"]},"camera":{"focal_length_mm":55,"aperture_radius_m":0.009,"focus":{"at":"infinity"}},"glass":{"distance_m":0.3,"tilt_deg":[0,20],"glazing":"double-low-e","layers":[{"glass_m":0.004,"ior":1.52,"absorption_per_m":[6,2,4]},{"gap_m":0.016},{"glass_m":0.004,"ior":1.52}],"coatings":[{"face":1,"angles_deg":[0,60,90],"reflectance":[[0.1,0.1,0.1],[0.2,0.2,0.2],[1,1,1]],"reflectance_back":[0.05,0.06,0.07],"transmittance":[[0.8,0.8,0.8],[0.7,0.7,0.7],[0,0,0]]}],"wave":{"amplitude_m":0.0001,"length_m":0.3,"direction_deg":30},"roughness":[0.002,0,0,0.01],"outline":{"x_m":[-0.1,0.2],"y_m":[-0.3,0.3],"frame_m":0.04,"frame_radiance":[0.2,0.2,0.2]}},"front":{"panorama":"p.exr","cards":[{"color":"cover:train/blind-0001.png","distance_m":0.6,"center_m":[0,-0.1],"width_m":0.4,"exposure":0.5}]},"back":{"color":"b.png","depth":"b.npy","intrinsics":{"fx":9,"fy":9,"cx":1.5,"cy":1},"cards":[{"color":"c.png","distance_m":0.2,"center_m":[0,0.3],"width_m":1}]}}"#;
+
 fn plain_line() -> SceneLine {
     let mut line = parse_scene(LINE).unwrap();
     line.glass.tilt_deg = [0.0; 2];
@@ -78,7 +81,7 @@ const LIST: [&str; 4] = [
     r#"{"schema":"glasshouse.photograph/1","place":"outdoor","mesh":"d.ply","unit_m":0.5,"exposure":2}"#,
 ];
 
-const RECIPES: [&str; 2] = [
+const RECIPES: [&str; 3] = [
     r#"schema = "glasshouse.recipe/1"
 name = "places"
 seed = 2020
@@ -124,6 +127,26 @@ aperture_radius_m = { log_uniform = [0.001, 0.01] }
 [glass]
 thickness_m = { normal = { mean = 0.01, sd = 0.002, min = 0.001, max = 0.02 } }
 ior = { choice = [1.5, 1.6] }
+[sources.sample]
+layout = "sample"
+count = 6
+[[split]]
+name = "train"
+pairs = { sample = 3 }
+"#,
+    r#"schema = "glasshouse.recipe/1"
+name = "windows"
+[film]
+layers = ["input", "transmission", "coverage"]
+[glass]
+glazing = { choice = ["double-4-16-4", "single-4"], weights = [3, 2] }
+roughness = { choice = [0, 0.002], weights = [4, 1] }
+[cover]
+photographer = 0.3
+frame = { share = 0.2, frame_m = 0.05 }
+[cover.blind]
+share = 0.1
+gap_m = { uniform = [0.02, 0.1] }
 [sources.sample]
 layout = "sample"
 count = 6
@@ -219,6 +242,7 @@ pub(crate) fn all() -> Vec<Seed> {
         other
     }]);
     seeds.push(("scene_line", "full.json".to_owned(), LINE.as_bytes().to_vec()));
+    seeds.push(("scene_line", "window.json".to_owned(), WINDOW.as_bytes().to_vec()));
     let written = to_jsonl(std::slice::from_ref(&line)).trim().as_bytes().to_vec();
     seeds.push(("scene_line", "written.json".to_owned(), written));
     seeds.push(("manifest", "two.jsonl".to_owned(), lines.clone().into_bytes()));

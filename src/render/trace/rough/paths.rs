@@ -12,7 +12,7 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 /// Number of angles of incidence.
-const ANGLES: u32 = 3;
+const ANGLES: usize = 3;
 /// Number of rays at each angle, for faces up to `ALMOST_SMOOTH` and for rougher ones, which turn some light to total reflection.
 const RAYS: [u32; 2] = [64, 512];
 const ALMOST_SMOOTH: f64 = 0.03;
@@ -97,14 +97,16 @@ pub(super) fn select(
     max_radiance: [f64; 2],
     tolerance: f64,
 ) -> [(Vec<Selected>, f64); 2] {
-    let at = |i| least_cos + (most_cos - least_cos) * f64::from(i) / f64::from(ANGLES - 1);
+    let last = (ANGLES - 1) as f64;
+    let cosines: [f64; ANGLES] =
+        std::array::from_fn(|i| least_cos + (most_cos - least_cos) * i as f64 / last);
     let start = |cos: f64| Ray {
         direction: DVec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos),
         power: [[1.0; 3]; 2],
     };
     let is_rough = alphas.iter().any(|alpha| *alpha > ALMOST_SMOOTH);
     let of_angle = RAYS[usize::from(is_rough)] as usize;
-    let rays = (0..ANGLES).flat_map(|i| vec![start(at(i)); of_angle]).collect();
+    let rays = cosines.iter().flat_map(|cos| vec![start(*cos); of_angle]).collect();
     let all = Partial {
         strength: 1.0,
         is_first: true,
@@ -140,7 +142,7 @@ pub(super) fn select(
         };
         inside -= path.strength;
         for reflects in [false, true] {
-            let next = go_on(stack, alphas, &path, face, reflects);
+            let next = go_on(stack, alphas, &cosines, &path, (face, reflects));
             match next.next {
                 Some(_) => inside += next.strength,
                 None => outside[usize::from(!next.inward)] += next.strength,
@@ -159,7 +161,13 @@ pub(super) fn select(
 }
 
 /// Continues a path by one face.
-fn go_on(stack: &Stack, alphas: &[f64], path: &Partial, face: usize, reflects: bool) -> Partial {
+fn go_on(
+    stack: &Stack,
+    alphas: &[f64],
+    cosines: &[f64; ANGLES],
+    path: &Partial,
+    (face, reflects): (usize, bool),
+) -> Partial {
     let [near, far] = stack.iors(face);
     let iors = if path.inward { [near, far] } else { [far, near] };
     let mut meetings = path.meetings.clone();
@@ -168,11 +176,9 @@ fn go_on(stack: &Stack, alphas: &[f64], path: &Partial, face: usize, reflects: b
     let next = if inward { face.checked_add(1) } else { face.checked_sub(1) };
     let next = next.filter(|face| *face <= stack.layers().len());
     let layer = next.map(|next| &stack.layers()[next.min(face)]);
-    let coated = stack.coatings()[face]
-        .as_ref()
-        .map(|coating| if reflects { coating.reflectance } else { coating.transmittance });
+    let coating = stack.coatings()[face].as_ref();
     let seed = PixelSeed::new(0, 0, 0).of_meeting(path.meetings.len() as u32);
-    let of_angle = path.rays.len() / ANGLES as usize;
+    let of_angle = path.rays.len() / ANGLES;
     let facets: Vec<[f64; 2]> = (0..of_angle as u32)
         .map(|index| {
             let [u, v, ..] = sample(&seed, index);
@@ -183,7 +189,8 @@ fn go_on(stack: &Stack, alphas: &[f64], path: &Partial, face: usize, reflects: b
         .collect();
     let mut rays = path.rays.clone();
     let mut strength = 0.0f64;
-    for rays in rays.chunks_mut(of_angle) {
+    for (rays, cos_i) in rays.chunks_mut(of_angle).zip(cosines) {
+        let coated = coating.map(|coating| coating.share(path.inward, reflects).at(*cos_i));
         let mut sum = [0.0; 3];
         for (ray, facet) in rays.iter_mut().zip(&facets) {
             let (direction, shares) = scatter(ray.direction, *facet, iors, reflects);

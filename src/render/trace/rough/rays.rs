@@ -37,6 +37,11 @@ pub(in super::super) struct RoughRays {
     pub(in super::super) is_coloured: bool,
 }
 
+/// Shapes of panes: planes, spheres, and planes with waves.
+const FLAT: u8 = 0;
+const BENT: u8 = 1;
+const WAVED: u8 = 2;
+
 /// Facets of a chunk: slopes across and down, and the inverse length of the normal (x, y, 1).
 #[derive(Clone)]
 struct Facets {
@@ -137,10 +142,12 @@ impl RoughRays {
         for (k, step) in path.steps.iter().enumerate() {
             self.draw(pane, rays, k, step.roughness);
         }
-        if pane.curvature_per_m == 0.0 {
-            self.pass::<false>(pane, path, rays);
+        if pane.curvature_per_m != 0.0 {
+            self.pass::<BENT>(pane, path, rays);
+        } else if pane.wave.is_some() {
+            self.pass::<WAVED>(pane, path, rays);
         } else {
-            self.pass::<true>(pane, path, rays);
+            self.pass::<FLAT>(pane, path, rays);
         }
     }
 
@@ -162,6 +169,8 @@ impl RoughRays {
                 let is_flat = kappa == 0.0;
                 let (p, d) =
                     if is_flat { (to_frame(pane.axes, p), to_frame(pane.axes, d)) } else { (p, d) };
+                let waved_m = pane.wave.map_or(0.0, |wave| wave.way_m(p, d, 0.0));
+                let p = p + d * waved_m;
                 for (lanes, v) in self.arrival.iter_mut().zip([p.x, p.y, p.z, d.x, d.y, d.z]) {
                     lanes[s][l] = v;
                 }
@@ -202,7 +211,7 @@ impl RoughRays {
     }
 
     #[inline(always)]
-    fn pass<const BENT: bool>(
+    fn pass<const SHAPE: u8>(
         &mut self,
         pane: &RoughPane,
         path: &RoughPath,
@@ -219,19 +228,19 @@ impl RoughRays {
                 let (_, facets) = &self.facets[k * pane.alphas.len() + step.roughness];
                 let facets = [&facets.x[s], &facets.y[s], &facets.inverse[s]];
                 match (k, step.reflects) {
-                    (0, false) => rays.meet::<BENT, true, false>(pane, step, facets),
-                    (0, true) => rays.meet::<BENT, true, true>(pane, step, facets),
-                    (_, false) => rays.meet::<BENT, false, false>(pane, step, facets),
-                    (_, true) => rays.meet::<BENT, false, true>(pane, step, facets),
+                    (0, false) => rays.meet::<SHAPE, true, false>(pane, step, facets),
+                    (0, true) => rays.meet::<SHAPE, true, true>(pane, step, facets),
+                    (_, false) => rays.meet::<SHAPE, false, false>(pane, step, facets),
+                    (_, true) => rays.meet::<SHAPE, false, true>(pane, step, facets),
                 }
             }
-            self.leave::<BENT>(pane, path, &rays, &camera.patch.center, s);
+            self.leave::<SHAPE>(pane, path, &rays, &camera.patch.center, s);
         }
     }
 
     /// Stores the rays of sample `s` after their last face.
     #[inline(always)]
-    fn leave<const BENT: bool>(
+    fn leave<const SHAPE: u8>(
         &mut self,
         pane: &RoughPane,
         path: &RoughPath,
@@ -243,7 +252,7 @@ impl RoughRays {
         let sign = if path.is_front { 1.0 } else { -1.0 };
         for l in 0..LANES {
             let (mut p, mut d) = (lane(&rays.point, l), lane(&rays.direction, l));
-            if BENT {
+            if SHAPE == BENT {
                 (p, d) = (to_frame(pane.axes, p), to_frame(pane.axes, d));
             }
             (p.z, d.z) = (p.z * sign, d.z * sign);
@@ -259,7 +268,8 @@ impl RoughRays {
             for l in 0..LANES {
                 let share = if path.absorbs { exp_neg(max(rays.depth[c][l], 0.0)) } else { 1.0 };
                 let power = 0.5 * (rays.power[0][l] + rays.power[1][l]);
-                self.weight[c][s][l] = power * path.coated[c] * share;
+                let coated = path.coated.at(c, self.arrival[5][s][l]);
+                self.weight[c][s][l] = power * coated * share;
             }
         }
     }
@@ -275,7 +285,7 @@ impl RoughRays {
 impl Travellers {
     /// Moves the rays to a face (unless it is the `FIRST`, where they are), and reflects or refracts them at these facets.
     #[inline(always)]
-    fn meet<const BENT: bool, const FIRST: bool, const REFLECTS: bool>(
+    fn meet<const SHAPE: u8, const FIRST: bool, const REFLECTS: bool>(
         &mut self,
         pane: &RoughPane,
         step: &Step,
@@ -284,16 +294,23 @@ impl Travellers {
         for l in 0..LANES {
             let (p, d) = (lane(&self.point, l), lane(&self.direction, l));
             let facet = [x[l], y[l], inverse[l]];
-            let (p, out, shares, way_m) = if BENT {
-                let (way_m, met) = if FIRST { (0.0, 1.0) } else { pane.way_m(step, p, d) };
-                let p = p + d * way_m;
-                let frame = pane.frame(p);
-                let (out, shares) = scatter::<REFLECTS>(step, to_frame(frame, d), facet);
-                (p, from_frame(frame, out), shares.map(|share| share * met), way_m)
-            } else {
+            let (p, out, shares, way_m) = if SHAPE == FLAT {
                 let way_m = if FIRST { 0.0 } else { step.travel_m / d.z };
                 let (out, shares) = scatter::<REFLECTS>(step, d, facet);
                 (p + d * way_m, out, shares, way_m)
+            } else {
+                let (way_m, met) = match pane.wave {
+                    _ if FIRST => (0.0, 1.0),
+                    Some(wave) if SHAPE == WAVED => (wave.way_m(p, d, step.depth_m), 1.0),
+                    _ => pane.way_m(step, p, d),
+                };
+                let p = p + d * way_m;
+                let frame = match pane.wave {
+                    Some(wave) if SHAPE == WAVED => wave.frame(p),
+                    _ => pane.frame(p),
+                };
+                let (out, shares) = scatter::<REFLECTS>(step, to_frame(frame, d), facet);
+                (p, from_frame(frame, out), shares.map(|share| share * met), way_m)
             };
             for c in 0..3 {
                 self.depth[c][l] += step.absorption_per_m[c] * way_m;

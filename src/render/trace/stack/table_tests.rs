@@ -18,7 +18,7 @@ fn double() -> Stack {
 }
 
 fn coated() -> Stack {
-    let low_e = Coating { reflectance: [0.12, 0.06, 0.16], transmittance: [0.80, 0.86, 0.78] };
+    let low_e = Coating::constant([0.12, 0.06, 0.16], [0.80, 0.86, 0.78]);
     let layers = vec![
         StackLayer { absorption_per_m: [6.0, 2.0, 4.0], ..pane(0.004) },
         gap(0.012),

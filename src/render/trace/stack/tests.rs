@@ -1,6 +1,7 @@
 //! Compares the closed form of stacks with rays that are traced from face to face, and with a single slab.
 
 use super::*;
+use crate::curve::Curve;
 use crate::trace::{Order, Slab};
 use glam::DVec3;
 
@@ -25,9 +26,22 @@ fn at(stack: &Stack, cos: f64, least: f64, most: usize) -> BTreeMap<StackOrder, 
     weights.into_iter().map(|(order, weights)| (order, weights[0])).collect()
 }
 
-/// Two panes, three unequal panes with absorption and a coating, and a laminate.
+/// A coating whose sides and angles differ.
+fn two_sided() -> Coating {
+    let curve = |values: [f64; 4]| {
+        let rows = values.map(|v| [v, 0.8 * v, 0.9 * v]);
+        Curve::through(vec![0.0, 0.3, 0.7, 1.0], rows.to_vec())
+    };
+    Coating {
+        reflectance: curve([1.0, 0.35, 0.12, 0.1]),
+        reflectance_back: curve([0.9, 0.2, 0.08, 0.05]),
+        transmittance: curve([0.0, 0.6, 0.85, 0.86]),
+    }
+}
+
+/// Two panes, three unequal panes with absorption and two coatings, and a laminate.
 fn stacks() -> Vec<Stack> {
-    let low_e = Coating { reflectance: [0.12, 0.06, 0.16], transmittance: [0.80, 0.86, 0.78] };
+    let low_e = Coating::constant([0.12, 0.06, 0.16], [0.80, 0.86, 0.78]);
     let pane = glass(0.004, 1.52, CLEAR);
     let three = vec![
         glass(0.004, 1.52, [6.0, 2.0, 4.0]),
@@ -38,7 +52,7 @@ fn stacks() -> Vec<Stack> {
     ];
     vec![
         bare(vec![pane, gap(0.016), pane]),
-        Stack::new(three, vec![None, Some(low_e), None, None, None, None]),
+        Stack::new(three, vec![None, Some(low_e), Some(two_sided()), None, None, None]),
         bare(vec![pane, glass(0.00076, 1.48, [20.0, 10.0, 10.0]), pane]),
     ]
 }
@@ -64,6 +78,7 @@ fn reflectances(n1: f64, cos1: f64, n2: f64, cos2: f64) -> [f64; 2] {
 /// Traces every path with up to `depth` faces one by one. Returns for each the side, the point on the plane z = 0 of the line
 /// on which it leaves (in mirrored space, if reflected), and its power.
 fn explicit(stack: &Stack, direction: DVec3, depth: usize) -> Vec<(Exit, DVec3, [f64; 3])> {
+    let at_cos = direction.normalize().z;
     let mut planes = vec![0.0];
     for layer in &stack.layers {
         planes.push(planes.last().unwrap() + layer.thickness_m);
@@ -84,12 +99,12 @@ fn explicit(stack: &Stack, direction: DVec3, depth: usize) -> Vec<(Exit, DVec3, 
             };
             let bent = refracted(d, ior(from), ior(to));
             let r = match &stack.coatings[face] {
-                Some(coating) => [coating.reflectance; 2],
+                Some(coating) => [coating.reflectance(inward).at(at_cos); 2],
                 None => reflectances(ior(from), d.normalize().z.abs(), ior(to), bent.z.abs())
                     .map(|r| [r; 3]),
             };
             let t = match &stack.coatings[face] {
-                Some(coating) => [coating.transmittance; 2],
+                Some(coating) => [coating.transmittance.at(at_cos); 2],
                 None => r.map(|r| r.map(|r| 1.0 - r)),
             };
             let mirrored = DVec3::new(d.x, d.y, -d.z);

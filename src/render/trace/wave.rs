@@ -1,0 +1,192 @@
+//! Waves in the faces of a pane, such as the roller waves of tempered glass.
+//!
+//! All faces have the same height over the flat pane,
+//!
+//! ```text
+//! z = A sin(2 pi s / L)        s = (x - P) . w
+//! ```
+//!
+//! along the pane's normal n, with the pivot P and a unit vector w in the pane's plane. Every face is met at its height, with the normal
+//! n - z' w there, and light is followed from face to face by Snell's and Fresnel's laws ([`super::rough`]). T is that of the flat
+//! pane: parallel faces turn transmitted light by the small change of slope between entry and exit alone.
+
+use super::bent::{RayLanes, dot};
+use super::lanes::{CHUNK, LANES, Lane, floor, sin_cos_octant};
+use super::slab::Slab;
+use glam::{DVec3, Vec3};
+
+/// Waves of a pane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wave {
+    /// Height of the crests, m.
+    pub amplitude_m: f64,
+    /// Distance from crest to crest, m.
+    pub length_m: f64,
+    /// Unit vector in the pane's plane across the crests, in the lens's coordinates.
+    pub across_crests: DVec3,
+    /// Distance of the pivot from the lens along the optical axis.
+    pub distance_m: f64,
+}
+
+impl Wave {
+    /// Returns the largest slope of the faces.
+    pub fn largest_slope(&self) -> f64 {
+        std::f64::consts::TAU * self.amplitude_m / self.length_m
+    }
+
+    /// Returns height and slope at a point relative to the pivot.
+    pub fn at(&self, point: DVec3) -> (f64, f64) {
+        let (sin, cos) =
+            libm::sincos(std::f64::consts::TAU * point.dot(self.across_crests) / self.length_m);
+        (self.amplitude_m * sin, self.largest_slope() * cos)
+    }
+
+    /// Returns the waves in coordinates with these axes, of which the last is the pane's normal.
+    pub(super) fn lanes(&self, axes: [DVec3; 3]) -> WaveLanes {
+        WaveLanes {
+            amplitude_m: self.amplitude_m as f32,
+            slope: self.largest_slope() as f32,
+            waves_per_m: axes.map(|axis| (axis.dot(self.across_crests) / self.length_m) as f32),
+            across_crests: axes.map(|axis| axis.dot(self.across_crests) as f32),
+        }
+    }
+}
+
+/// Waves in f32.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct WaveLanes {
+    amplitude_m: f32,
+    /// Largest slope.
+    slope: f32,
+    waves_per_m: [f32; 3],
+    across_crests: [f32; 3],
+}
+
+impl WaveLanes {
+    /// Returns height (m) and slope at a point relative to the pivot.
+    #[inline(always)]
+    fn at(&self, point: Vec3) -> (f32, f32) {
+        let [x, y, z] = self.waves_per_m;
+        let (sin, cos) = sin_cos_turns(point.x * x + point.y * y + point.z * z);
+        (self.amplitude_m * sin, self.slope * cos)
+    }
+
+    /// Returns the unit vector across the crests.
+    #[inline(always)]
+    fn across_crests(&self) -> Vec3 {
+        let [x, y, z] = self.across_crests;
+        Vec3::new(x, y, z)
+    }
+
+    /// Returns the way of a ray to a face at the depth `depth_m`, in coordinates with the pane's normal as z, m.
+    ///
+    /// Newton's step from the flat face is exact to half the curvature times the square of the way to the crest, less than 1e-6 m.
+    #[inline(always)]
+    pub(super) fn way_m(&self, point: Vec3, d: Vec3, depth_m: f32) -> f32 {
+        let flat_m = (depth_m - point.z) / d.z;
+        let (height_m, slope) = self.at(point + d * flat_m);
+        flat_m + height_m / (d.z - slope * dot(d, self.across_crests()))
+    }
+
+    /// Returns two tangents and the normal of the faces at a point, in coordinates with the pane's normal as z.
+    #[inline(always)]
+    pub(super) fn frame(&self, point: Vec3) -> [Vec3; 3] {
+        let (_, slope) = self.at(point);
+        let n = Vec3::Z - self.across_crests() * slope;
+        let n = n * (1.0 / dot(n, n).sqrt());
+        let across = Vec3::X - n * n.x;
+        let across = across * (1.0 / dot(across, across).sqrt());
+        [
+            across,
+            Vec3::new(
+                n.y * across.z - n.z * across.y,
+                n.z * across.x - n.x * across.z,
+                n.x * across.y - n.y * across.x,
+            ),
+            n,
+        ]
+    }
+}
+
+/// Computes sin and cos of `turns` full turns.
+#[inline(always)]
+fn sin_cos_turns(turns: f32) -> (f32, f32) {
+    let (quarters, _) = floor(4.0 * turns + 0.5);
+    let (sin, cos) = sin_cos_octant((turns - 0.25 * quarters) * std::f32::consts::TAU);
+    let quarter = quarters - 4.0 * floor(0.25 * quarters).0;
+    let is_odd = quarter == 1.0 || quarter == 3.0;
+    let (sin, cos) = if is_odd { (cos, -sin) } else { (sin, cos) };
+    if quarter >= 2.0 { (-sin, -cos) } else { (sin, cos) }
+}
+
+impl RayLanes {
+    /// Returns the rays of sample `s` of the pinhole that are mirrored in the waves of the front face.
+    #[inline(always)]
+    pub(super) fn waved_pinhole(
+        wave: &Wave,
+        slab: &Slab,
+        center: &[Lane; 2],
+        film: &[[Lane; CHUNK]; 2],
+        s: usize,
+    ) -> Self {
+        let lanes = wave.lanes([DVec3::X, DVec3::Y, DVec3::Z]);
+        let (n, across) = (slab.normal.as_vec3(), lanes.across_crests());
+        let (plane_m, pivot) = (slab.plane_distance_m as f32, Vec3::Z * wave.distance_m as f32);
+        let mut rays = Self { relative: [[0.0; LANES]; 2], point: [[0.0; LANES]; 2] };
+        for l in 0..LANES {
+            let d = Vec3::new(center[0][l] + film[0][s][l], center[1][l] + film[1][s][l], 1.0);
+            let d = d * (1.0 / dot(d, d).sqrt());
+            let along = dot(d, n);
+            let flat = d * (plane_m / along);
+            let (height_m, slope) = lanes.at(flat - pivot);
+            let point = flat + d * (height_m / (along - slope * dot(d, across)));
+            let (_, slope) = lanes.at(point - pivot);
+            let normal = n - across * slope;
+            let normal = normal * (1.0 / dot(normal, normal).sqrt());
+            let mirrored = d - normal * (2.0 * dot(d, normal));
+            rays.set(l, slab, false, point, mirrored, center);
+        }
+        rays
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sines_and_cosines_of_turns_are_exact() {
+        for i in -400..400 {
+            let turns = i as f32 * 0.0137;
+            let (sin, cos) = sin_cos_turns(turns);
+            let angle = f64::from(turns) * std::f64::consts::TAU;
+            assert!((f64::from(sin) - angle.sin()).abs() < 2e-6, "{turns}");
+            assert!((f64::from(cos) - angle.cos()).abs() < 2e-6, "{turns}");
+        }
+    }
+
+    /// A ray meets the face at its height, and the frame has the face's normal.
+    #[test]
+    fn rays_meet_the_waves() {
+        let wave = Wave {
+            amplitude_m: 2e-4,
+            length_m: 0.2,
+            across_crests: DVec3::new(0.6, 0.8, 0.0),
+            distance_m: 0.3,
+        };
+        let lanes = wave.lanes([DVec3::X, DVec3::Y, DVec3::Z]);
+        for i in 0..50 {
+            let x = i as f32 * 0.013 - 0.3;
+            let d = Vec3::new(0.3, -0.5, if i % 2 == 0 { 0.8 } else { -0.8 }).normalize();
+            let depth_m = 0.01 * (i % 3) as f32;
+            let start = Vec3::new(x, 0.1, 0.02);
+            let met = (start + d * lanes.way_m(start, d, depth_m)).as_dvec3();
+            let (height_m, slope) = wave.at(met);
+            assert!((met.z - f64::from(depth_m) - height_m).abs() < 1e-8);
+            let n = (DVec3::Z - slope * wave.across_crests).normalize();
+            let [across, down, normal] = lanes.frame(met.as_vec3()).map(Vec3::as_dvec3);
+            assert!((normal - n).length() < 1e-6 && across.dot(n).abs() < 1e-6);
+            assert!((across.cross(down) - n).length() < 1e-6);
+        }
+    }
+}
