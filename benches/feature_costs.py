@@ -58,6 +58,7 @@ ROWS: list[tuple[str, dict]] = [
     ("outline, frame and card", {"glass.outline": FRAME, "back.cards": [CARD]}),
     ("bent pane, radius of 8 m", {"glass.bow_radius_m": 8.0}),
     ("waves of 0.1 mm over 0.3 m", {"glass.wave": {"amplitude_m": 1e-4, "length_m": 0.3}}),
+    ("double pane, wedge of 0.1 degrees", {"glass.layers": [PANE, {"gap_m": 0.016, "wedge_deg": [0, 0.1]}, PANE]}),
     ("rough faces, alpha of 0.003", {"glass.roughness": 0.003}),
     ("rough faces, alpha of 0.02", {"glass.roughness": 0.02}),
     ("light of 16 times white, both sides", {"front.exposure": 16.0, "back.exposure": 16.0}),

@@ -4,7 +4,7 @@ use super::choice::Choice;
 use super::draw::Draw;
 use super::glazing::{GlazingRecipe, named};
 use super::param::Param;
-use render::line::{Glass, Outline, Roughness, Wave};
+use render::line::{Glass, GlassLayer, Outline, Roughness, Wave};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -31,6 +31,9 @@ pub struct GlassRecipe {
     pub bow_radius_m: Option<Param>,
     /// Waves of all faces, such as those of tempered glass. Default none: flat. Not with `bow_radius_m`.
     pub wave: Option<WaveRecipe>,
+    /// Pitch and yaw of all faces behind the first gap, or behind the glass of a pane without gaps, against those before it,
+    /// degrees. Default 0: parallel. Not with `bow_radius_m`.
+    pub wedge_deg: Option<[Param; 2]>,
     /// Edges of the pane and its frame. Default none: the pane fills the picture.
     pub outline: Option<OutlineRecipe>,
 }
@@ -47,6 +50,7 @@ impl Default for GlassRecipe {
             roughness: None,
             bow_radius_m: None,
             wave: None,
+            wedge_deg: None,
             outline: None,
         }
     }
@@ -109,6 +113,9 @@ impl GlassRecipe {
             params.push(("glass.wave.length_m".to_owned(), &wave.length_m));
             params.push(("glass.wave.direction_deg".to_owned(), &wave.direction_deg));
         }
+        if let Some(wedge) = &self.wedge_deg {
+            params.extend(indexed("glass.wedge_deg", wedge));
+        }
         if let Some(outline) = &self.outline {
             params.extend(indexed("glass.outline.x_m", &outline.x_m));
             params.extend(indexed("glass.outline.y_m", &outline.y_m));
@@ -142,6 +149,9 @@ impl GlassRecipe {
             glass.coatings.clone_from(&glazing.coatings);
             glass.roughness.clone_from(&glazing.roughness);
         }
+        if let Some(wedge) = &self.wedge_deg {
+            set_wedge(&mut glass, each(draw, "glass.wedge_deg", wedge));
+        }
         if let Some(param) = &self.roughness {
             let alpha = draw.value("glass.roughness", param);
             glass.roughness = (alpha > 0.0).then_some(Roughness::All(alpha));
@@ -156,6 +166,23 @@ impl GlassRecipe {
     pub(super) fn glazings(&self) -> Option<&Choice<String>> {
         self.glazing.as_ref().map(|GlazingRecipe(names)| names)
     }
+}
+
+/// Turns the faces behind the first gap of a pane, or behind its glass.
+fn set_wedge(glass: &mut Glass, wedge_deg: [f64; 2]) {
+    let mut layers = glass.layers.clone();
+    if layers.is_empty() {
+        layers.push(GlassLayer::Glass {
+            glass_m: glass.thickness_m,
+            ior: glass.ior,
+            absorption_per_m: glass.absorption_per_m,
+            wedge_deg,
+        });
+    }
+    let gap = layers.iter().position(|layer| matches!(layer, GlassLayer::Gap { .. }));
+    let last = layers.len() - 1;
+    layers[gap.unwrap_or(last)].set_wedge_deg(wedge_deg);
+    glass.set_layers(&layers);
 }
 
 impl WaveRecipe {

@@ -38,6 +38,9 @@ impl GlassRecipe {
     pub(super) fn check(&self) -> Result<(), RecipeError> {
         self.check_bow()?;
         self.check_wave()?;
+        if self.wedge_deg.is_some() && self.bow_radius_m.is_some() {
+            return bad("glass.wedge_deg", "and glass.bow_radius_m are both given: remove one");
+        }
         self.outline.as_ref().map_or(Ok(()), OutlineRecipe::check)
     }
 
@@ -159,6 +162,11 @@ mod tests {
                 "bow_radius_m = 8\nwave = { amplitude_m = 0.0001, length_m = 0.3 }",
                 "key glass.wave and glass.bow_radius_m are both given: remove one",
             ),
+            (
+                "bow_radius_m = 8\nwedge_deg = [0, 0.1]",
+                "key glass.wedge_deg and glass.bow_radius_m are both given: remove one",
+            ),
+            ("wedge_deg = [0, 6]", "glass.wedge_deg[1] is 6, but must be -5 to 5 degrees"),
             ("wave = { amplitude_m = 0.0001 }", "missing field `length_m`"),
             ("bow_radius_m = 0", "glass.bow_radius_m (0) can be 0, but must stay above or below 0"),
             ("bow_radius_m = { uniform = [-8, 8] }", "(uniform -8 to 8) can be 0, but must stay"),

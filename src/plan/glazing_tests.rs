@@ -74,10 +74,10 @@ fn the_promised_names_are_there_and_every_number_has_a_source() {
 /// Returns reflectance and transmittance of the whole pane at normal incidence.
 fn totals(glazing: &Glazing) -> [[f64; 3]; 2] {
     let layer = |layer: &GlassLayer| match *layer {
-        GlassLayer::Glass { glass_m, ior, absorption_per_m } => {
+        GlassLayer::Glass { glass_m, ior, absorption_per_m, .. } => {
             StackLayer { thickness_m: glass_m, ior, absorption_per_m }
         }
-        GlassLayer::Gap { gap_m } => {
+        GlassLayer::Gap { gap_m, .. } => {
             StackLayer { thickness_m: gap_m, ior: 1.0, absorption_per_m: [0.0; 3] }
         }
     };
@@ -93,7 +93,7 @@ fn row(name: &str, glazing: &Glazing) -> String {
     let mm = |m: f64| (m * 1e5).round() / 100.0;
     let layer = |layer: &GlassLayer| match *layer {
         GlassLayer::Glass { glass_m, ior, .. } => format!("{} (n {ior})", mm(glass_m)),
-        GlassLayer::Gap { gap_m } => format!("gap {}", mm(gap_m)),
+        GlassLayer::Gap { gap_m, .. } => format!("gap {}", mm(gap_m)),
     };
     let layers: Vec<String> = glazing.layers.iter().map(layer).collect();
     let faces: Vec<String> = glazing.coatings.iter().map(|c| c.face.to_string()).collect();

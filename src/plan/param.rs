@@ -9,7 +9,7 @@ use serde::de::{self, Deserializer, MapAccess, Visitor};
 use std::fmt;
 
 /// Names of all parameters that a recipe may have, as `Recipe::params` returns them.
-pub(crate) const PARAMETERS: [&str; 61] = [
+pub(crate) const PARAMETERS: [&str; 63] = [
     "film.width",
     "film.height",
     "film.spp",
@@ -31,6 +31,8 @@ pub(crate) const PARAMETERS: [&str; 61] = [
     "glass.wave.amplitude_m",
     "glass.wave.length_m",
     "glass.wave.direction_deg",
+    "glass.wedge_deg[0]",
+    "glass.wedge_deg[1]",
     "glass.outline.x_m[0]",
     "glass.outline.x_m[1]",
     "glass.outline.y_m[0]",

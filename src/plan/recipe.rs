@@ -339,6 +339,7 @@ pairs = { diode = 120, places = 80 }
         let mut recipe = Recipe::parse(&text).unwrap();
         recipe.glass.roughness = Some(Param::Constant(0.01));
         recipe.glass.bow_radius_m = Some(Param::Constant(8.0));
+        recipe.glass.wedge_deg = Some([Param::Constant(0.1), Param::Constant(0.0)]);
         recipe.glass.wave = Some(WaveRecipe {
             amplitude_m: Param::Constant(1e-4),
             length_m: Param::Constant(0.3),

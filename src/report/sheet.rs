@@ -238,7 +238,7 @@ fn layers(glass: &Glass) -> String {
         format!("of layers of {} mm", layers.join("-"))
     };
     if let Some(name) = &glass.glazing {
-        text = format!("{name} {text}");
+        text = format!("{name}, {text}");
     }
     for coating in &glass.coatings {
         let _ = write!(text, ", face {} coated", coating.face);

@@ -109,6 +109,8 @@ pub(crate) struct Case {
     pub(crate) bow_radius_m: Option<f64>,
     /// Waves of the faces: amplitude and length, m, and the direction across the crests, degrees.
     pub(crate) wave: Option<[f64; 3]>,
+    /// Rotation of each face against the first, degrees: pitch and yaw.
+    pub(crate) turned_deg: Vec<[f64; 2]>,
     /// Roughness of each face.
     pub(crate) roughness: Option<Vec<f64>>,
     /// Objects that cover a part of the picture.
@@ -138,6 +140,7 @@ impl Case {
             stack: None,
             bow_radius_m: None,
             wave: None,
+            turned_deg: vec![],
             roughness: None,
             covered: Covered::default(),
             tilt_deg: [0.0; 2],
@@ -160,11 +163,23 @@ impl Case {
         (normal, self.distance_m * normal.z)
     }
 
+    /// Returns the rotation of the pane.
+    fn rotation([pitch_deg, yaw_deg]: [f64; 2]) -> DMat3 {
+        let [pitch, yaw] = [pitch_deg, yaw_deg].map(f64::to_radians);
+        DMat3::from_rotation_y(yaw) * DMat3::from_rotation_x(pitch)
+    }
+
+    /// Returns the rotation of each face against the first.
+    pub(crate) fn turned(&self) -> Option<Vec<DMat3>> {
+        let pane = Self::rotation(self.tilt_deg);
+        let of = |deg: &[f64; 2]| pane * Self::rotation(*deg) * pane.transpose();
+        (!self.turned_deg.is_empty()).then(|| self.turned_deg.iter().map(of).collect())
+    }
+
     /// Returns the waves of the pane.
     pub(crate) fn waves(&self) -> Option<Wave> {
         let [amplitude_m, length_m, direction_deg] = self.wave?;
-        let [pitch, yaw] = self.tilt_deg.map(f64::to_radians);
-        let turned = DMat3::from_rotation_y(yaw) * DMat3::from_rotation_x(pitch);
+        let turned = Self::rotation(self.tilt_deg);
         let (sin, cos) = direction_deg.to_radians().sin_cos();
         let across_crests = turned * DVec3::new(cos, sin, 0.0);
         Some(Wave { amplitude_m, length_m, across_crests, distance_m: self.distance_m })
@@ -262,10 +277,13 @@ impl Case {
             .map(|radius_m| Bow { curvature_per_m: 1.0 / radius_m, distance_m: self.distance_m });
         let wave = self.waves();
         let layers = self.layers();
-        let smooth = || wave.map(|_| vec![0.0; layers.coatings().len()]);
+        let turned = self.turned();
+        let is_free = wave.is_some() || turned.is_some();
+        let smooth = || is_free.then(|| vec![0.0; layers.coatings().len()]);
         let rough = self.roughness.clone().or_else(smooth).map(|alphas| {
             let (bow, wave) = (bow.as_ref(), wave.as_ref());
-            let shape = RoughShape { slab: &slab, distance_m: self.distance_m, bow, wave };
+            let turned = turned.as_deref();
+            let shape = RoughShape { slab: &slab, distance_m: self.distance_m, bow, wave, turned };
             let (pane, of_paths) =
                 RoughPane::new(&layers, &alphas, shape, between, radiance, self.tolerance);
             orders = of_paths;

@@ -268,6 +268,26 @@ fn waved_panes_match_with_every_other_feature() {
     compare("steps and noise, camera, waves, rough coated double pane, frame and cards", &case);
 }
 
+/// Panes that are not parallel, against rays that are followed from face to face.
+#[test]
+fn wedged_panes_match_with_every_other_feature() {
+    let mut case = case(Relief::Steps, Relief::Noise);
+    case.tolerance = 1e-6;
+    case.turned_deg = vec![[0.0; 2], [0.3, -0.5]];
+    compare("steps and noise, wedge of 0.3, -0.5", &case);
+    (case.tilt_deg, case.gaussian) = ([-12.0, 20.0], true);
+    case.stack = Some(coated_double_pane());
+    case.turned_deg = vec![[0.0; 2], [0.0; 2], [0.2, 1.0], [0.2, 1.0]];
+    compare("steps and noise, coated double pane of two directions, tilt, Gaussian", &case);
+    case.apex = Apex::Camera;
+    case.wave = Some([1e-4, 0.1, 70.0]);
+    compare("steps and noise, camera, the same with waves", &case);
+    case.roughness = Some(vec![0.01, 0.0, 0.02, 0.0]);
+    let card = noisy_card(0.7, [0.1, 0.0], 0.4, 3);
+    case.covered.cards = [vec![card.clone()], vec![card]];
+    compare("steps and noise, camera, the same with waves, roughness and cards", &case);
+}
+
 #[test]
 fn weak_orders_match_over_several_blocks() {
     let mut case = case(Relief::Smooth, Relief::Steps);

@@ -110,6 +110,7 @@ impl<'a> Reference<'a> {
                     let is_dark = exit.share == [[0.0; 3]; 2];
                     if is_dark { ([0.0; 3], [0.0; 3]) } else { self.after(order, exit) }
                 }
+                (Some(pane), None) if pane.is_free() => self.after(order, pane.straight(origin, d)),
                 _ => self.behind_glass(order, origin, d),
             },
             (Place::Frame, Order::Transmitted(0)) => {

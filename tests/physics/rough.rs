@@ -3,10 +3,11 @@
 use crate::case::{CLEAN, Case, GLASS, I, Photo, T, bumpy};
 use crate::optics::{Exit, face, mirrored};
 use crate::reference::concentric;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use render::trace::{Coating, Meeting, PixelSeed, StackLayer, Wave, sample};
 
-/// A pane of a case, whose faces are planes or concentric spheres.
+/// A pane of a case, whose faces are planes, concentric spheres or height fields.
+#[derive(Clone)]
 pub(crate) struct RoughReference {
     normal: DVec3,
     pivot: DVec3,
@@ -15,13 +16,16 @@ pub(crate) struct RoughReference {
     coatings: Vec<Option<Coating>>,
     alphas: Vec<f64>,
     wave: Option<Wave>,
+    /// Rotation of each face against the first.
+    turned: Option<Vec<DMat3>>,
 }
 
 impl RoughReference {
     /// Returns the pane of a case with rough faces.
     pub(crate) fn new(case: &Case) -> Option<Self> {
-        let (stack, wave) = (case.layers(), case.waves());
-        let smooth = || wave.map(|_| vec![0.0; stack.coatings().len()]);
+        let (stack, wave, turned) = (case.layers(), case.waves(), case.turned());
+        let is_free = wave.is_some() || turned.is_some();
+        let smooth = || is_free.then(|| vec![0.0; stack.coatings().len()]);
         let alphas = case.roughness.clone().or_else(smooth)?;
         Some(Self {
             normal: case.pane().0,
@@ -31,6 +35,7 @@ impl RoughReference {
             coatings: stack.coatings().to_vec(),
             alphas,
             wave,
+            turned,
         })
     }
 
@@ -43,12 +48,13 @@ impl RoughReference {
     fn reach(&self, number: usize, point: DVec3, d: DVec3) -> f64 {
         let depth_m = self.depth_m(number);
         if self.curvature_per_m == 0.0 {
-            let way = |height_m: f64| {
-                (depth_m + height_m - (point - self.pivot).dot(self.normal)) / d.dot(self.normal)
-            };
+            let turned = self.turned(number);
+            let origin = self.pivot + depth_m * self.normal;
+            let [from, d] = [point - origin, d].map(|v| turned.transpose() * v);
+            let way = |height_m: f64| (height_m - from.dot(self.normal)) / d.dot(self.normal);
             // The face over the height field, by a fixed point: each step is shorter by the slope times the tangent.
             return (0..60).fold(way(0.0), |reached, _| {
-                self.wave.map_or(reached, |w| way(w.at(point + reached * d - self.pivot).0))
+                self.wave.map_or(reached, |wave| way(wave.at(from + reached * d).0))
             });
         }
         let radius_m = 1.0 / self.curvature_per_m;
@@ -61,20 +67,41 @@ impl RoughReference {
         if near(ways[0]) < near(ways[1]) { ways[0] } else { ways[1] }
     }
 
-    /// Returns two tangents and the unit normal of the faces at a point.
-    fn frame(&self, point: DVec3) -> [DVec3; 3] {
+    /// Returns the rotation of a face against the first.
+    fn turned(&self, number: usize) -> DMat3 {
+        self.turned.as_ref().map_or(DMat3::IDENTITY, |turned| turned[number])
+    }
+
+    /// Returns two tangents and the unit normal of a face at a point.
+    fn frame(&self, number: usize, point: DVec3) -> [DVec3; 3] {
+        let turned = self.turned(number);
+        let origin = self.pivot + self.depth_m(number) * self.normal;
         let from = point - self.pivot;
-        let waved = self.wave.map_or(DVec3::ZERO, |w| w.at(from).1 * w.across_crests);
+        let in_face = turned.transpose() * (point - origin);
+        let waved = self.wave.map_or(DVec3::ZERO, |w| w.at(in_face).1 * w.across_crests);
         let n = (self.normal + self.curvature_per_m * from - waved).normalize();
         let of_pane = (DVec3::X - self.normal.x * self.normal).normalize();
         let across = (of_pane - of_pane.dot(n) * n).normalize();
-        [across, n.cross(across), n]
+        [across, n.cross(across), n].map(|axis| turned * axis)
     }
 
     /// Returns the point of face 0 that a ray meets, and its direction mirrored in the smooth face.
     pub(crate) fn mirrored(&self, origin: DVec3, d: DVec3) -> (DVec3, DVec3) {
         let point = origin + self.reach(0, origin, d) * d;
-        (point, mirrored(d, self.frame(point)[2]))
+        (point, mirrored(d, self.frame(0, point)[2]))
+    }
+
+    /// Follows a ray through smooth faces.
+    pub(crate) fn straight(&self, origin: DVec3, d: DVec3) -> Exit {
+        let smooth = Self { alphas: vec![0.0; self.alphas.len()], ..self.clone() };
+        let meeting = |face| Meeting { face, inward: true, reflects: false };
+        let meetings: Vec<Meeting> = (0..self.alphas.len()).map(meeting).collect();
+        smooth.follow(&meetings, (&PixelSeed::new(0, 0, 0), 0), origin, d)
+    }
+
+    /// True if the faces are no parallel planes or spheres.
+    pub(crate) fn is_free(&self) -> bool {
+        self.wave.is_some() || self.turned.is_some()
     }
 
     /// Follows sample `index` of a pixel along a path.
@@ -106,7 +133,7 @@ impl RoughReference {
                 }
             }
             before = Some(number);
-            let [across, down, n] = self.frame(point);
+            let [across, down, n] = self.frame(number, point);
             let [u, v, ..] = sample(&seed.of_meeting(k as u32), index);
             let (x, y) = concentric(f64::from(u), f64::from(v));
             let square = (x * x + y * y).min(1.0 - 2f64.powi(-24));

@@ -1,6 +1,7 @@
 //! The pane of a scene line: one layer of glass, or several layers of glass and gaps, with coatings.
 
 use super::coating::FaceCoating;
+use super::image::is_default;
 use super::outline::Outline;
 use super::roughness::Roughness;
 use super::wave::Wave;
@@ -41,7 +42,7 @@ pub struct Glass {
 #[serde(
     untagged,
     deny_unknown_fields,
-    expecting = r#"a layer must be {"glass_m": h, "ior": n, "absorption_per_m": [r, g, b]} (the last is optional) or {"gap_m": h}"#
+    expecting = r#"a layer must be {"glass_m": h, "ior": n, "absorption_per_m": [r, g, b]} (the last is optional) or {"gap_m": h}, each with or without "wedge_deg": [pitch, yaw]"#
 )]
 pub enum GlassLayer {
     Glass {
@@ -52,11 +53,17 @@ pub enum GlassLayer {
         /// Absorption coefficient of red, green and blue, per metre of path.
         #[serde(default)]
         absorption_per_m: [f64; 3],
+        /// Pitch and yaw by which the layer turns all faces behind it against those before it.
+        #[serde(default, skip_serializing_if = "is_default")]
+        wedge_deg: [f64; 2],
     },
     /// Air, or another gas.
     Gap {
         /// Thickness.
         gap_m: f64,
+        /// Pitch and yaw by which the layer turns all faces behind it against those before it.
+        #[serde(default, skip_serializing_if = "is_default")]
+        wedge_deg: [f64; 2],
     },
 }
 
@@ -161,7 +168,7 @@ fn of_stack(layers: &[GlassLayer]) -> Option<(f64, f64, [f64; 3])> {
 }
 
 impl Glass {
-    /// Replaces the layers. One layer of glass becomes a plain pane, without `layers`.
+    /// Replaces the layers. One layer of glass without a wedge becomes a plain pane, without `layers`.
     ///
     /// # Panics
     ///
@@ -170,7 +177,8 @@ impl Glass {
         let (thickness_m, ior, absorption_per_m) = of_stack(layers).expect("a pane has glass");
         (self.thickness_m, self.ior) = (thickness_m, ior);
         self.absorption_per_m = absorption_per_m;
-        self.layers = if layers.len() == 1 { vec![] } else { layers.to_vec() };
+        let is_plain = layers.len() == 1 && layers[0].wedge_deg() == [0.0; 2];
+        self.layers = if is_plain { vec![] } else { layers.to_vec() };
     }
 }
 
@@ -179,7 +187,21 @@ impl GlassLayer {
     pub fn thickness_m(&self) -> f64 {
         match *self {
             Self::Glass { glass_m, .. } => glass_m,
-            Self::Gap { gap_m } => gap_m,
+            Self::Gap { gap_m, .. } => gap_m,
+        }
+    }
+
+    /// Returns pitch and yaw by which the layer turns all faces behind it.
+    pub fn wedge_deg(&self) -> [f64; 2] {
+        match *self {
+            Self::Glass { wedge_deg, .. } | Self::Gap { wedge_deg, .. } => wedge_deg,
+        }
+    }
+
+    /// Sets the wedge.
+    pub fn set_wedge_deg(&mut self, wedge: [f64; 2]) {
+        match self {
+            Self::Glass { wedge_deg, .. } | Self::Gap { wedge_deg, .. } => *wedge_deg = wedge,
         }
     }
 }
@@ -260,6 +282,10 @@ mod tests {
             (
                 layers(r#"{"glass_m":0.01,"ior":1.5},{"gap_m":-1}"#),
                 "glass.layers[1].gap_m is -1, but must be",
+            ),
+            (
+                layers(r#"{"glass_m":0.01,"ior":1.5},{"gap_m":0.01,"wedge_deg":[0,6]}"#),
+                "glass.layers[1].wedge_deg[1] is 6, but must be -5 to 5 degrees",
             ),
             (
                 layers(&vec![r#"{"glass_m":0.001,"ior":1.5}"#; 17].join(",")),

@@ -94,6 +94,7 @@ fn row(key: &str) -> Option<Limit> {
         "outline.frame_m" | "outline.frame_radiance" => FROM_0,
         "cards.distance_m" | "cards.width_m" | "wave.length_m" => ABOVE_0,
         "wave.amplitude_m" => FROM_0,
+        "wedge_deg" => Limit::between(-5.0, 5.0, "-5 to 5 degrees"),
         "wave.direction_deg" => Limit::between(-360.0, 360.0, "-360 to 360 degrees"),
         "photographer.distance_m" | "photographer.width_m" | "gap_m" | "view_width" => ABOVE_0,
         "photographer.offset_m" | "view_x" | "view_y" => FINITE,

@@ -92,8 +92,8 @@ fn layers(glass: &Glass) -> Result<(), LineError> {
     for (index, layer) in glass.layers.iter().enumerate() {
         let section = format!("glass.layers[{index}]");
         match layer {
-            GlassLayer::Gap { gap_m } => all_within(&section, &[("gap_m", &[*gap_m])])?,
-            GlassLayer::Glass { glass_m, ior, absorption_per_m } => all_within(
+            GlassLayer::Gap { gap_m, .. } => all_within(&section, &[("gap_m", &[*gap_m])])?,
+            GlassLayer::Glass { glass_m, ior, absorption_per_m, .. } => all_within(
                 &section,
                 &[
                     ("glass_m", &[*glass_m]),
@@ -102,6 +102,7 @@ fn layers(glass: &Glass) -> Result<(), LineError> {
                 ],
             )?,
         }
+        all_within(&section, &[("wedge_deg", &layer.wedge_deg())])?;
     }
     Ok(())
 }

@@ -8,7 +8,7 @@ use super::facts::{SceneFacts, Sides, SidesWith, order_facts};
 use super::far::far_median_m;
 use super::geometry::{
     BackCamera, bow, cosines_between, film_directions, film_plane, film_reach, layers, outline,
-    roughness, slab, stack, wave,
+    roughness, slab, stack, turned_faces, wave,
 };
 use super::near::Near;
 use super::place::{DecodedSide, Placed};
@@ -71,12 +71,13 @@ fn assemble_sides(
             (Some(stack), orders)
         }
     };
-    let wave = wave(line);
+    let (wave, turned) = (wave(line), turned_faces(line));
     let shape = RoughShape {
         slab: &slab,
         distance_m: line.glass.distance_m,
         bow: bow.as_ref(),
         wave: wave.as_ref(),
+        turned: turned.as_deref(),
     };
     let rough = rough_pane(line, shape, between, brightest).map(|(pane, of_paths)| {
         orders = of_paths;
@@ -138,7 +139,7 @@ fn cosines(directions: &[DVec3], slab: &Slab, bow: Option<&Bow>) -> Vec<f64> {
     directions.iter().map(cosine).collect()
 }
 
-/// Returns a pane with rough faces or waves and the paths through it; `None` for other panes.
+/// Returns a pane with rough faces, waves or a wedge, and the paths through it; `None` for other panes.
 fn rough_pane(
     line: &SceneLine,
     shape: RoughShape<'_>,
@@ -146,7 +147,7 @@ fn rough_pane(
     brightest: [f64; 2],
 ) -> Option<(RoughPane, OrderPlan)> {
     let layers = layers(line);
-    let smooth = || shape.wave.map(|_| vec![0.0; layers.coatings().len()]);
+    let smooth = || shape.is_free().then(|| vec![0.0; layers.coatings().len()]);
     let alphas = roughness(line).or_else(smooth)?;
     Some(RoughPane::new(&layers, &alphas, shape, between, brightest, line.film.order_tolerance))
 }

@@ -35,13 +35,14 @@ pub(super) fn layers(line: &SceneLine) -> Stack {
         glass_m: glass.thickness_m,
         ior: glass.ior,
         absorption_per_m: glass.absorption_per_m,
+        wedge_deg: [0.0; 2],
     }];
     let of = if glass.layers.is_empty() { one.as_slice() } else { &glass.layers };
     let layer = |layer: &GlassLayer| match *layer {
-        GlassLayer::Glass { glass_m, ior, absorption_per_m } => {
+        GlassLayer::Glass { glass_m, ior, absorption_per_m, .. } => {
             StackLayer { thickness_m: glass_m, ior, absorption_per_m }
         }
-        GlassLayer::Gap { gap_m } => {
+        GlassLayer::Gap { gap_m, .. } => {
             StackLayer { thickness_m: gap_m, ior: 1.0, absorption_per_m: [0.0; 3] }
         }
     };
@@ -76,6 +77,29 @@ pub(super) fn wave(line: &SceneLine) -> Option<Wave> {
         across_crests: cos * right + sin * down,
         distance_m: line.glass.distance_m,
     })
+}
+
+/// Returns the rotation of each face of a line's pane against the first; `None` if all are parallel.
+pub(super) fn turned_faces(line: &SceneLine) -> Option<Vec<DMat3>> {
+    let layers = &line.glass.layers;
+    if layers.iter().all(|layer| layer.wedge_deg() == [0.0; 2]) {
+        return None;
+    }
+    let [right, down] = pane_axes(line);
+    let pane = DMat3::from_cols(right, down, right.cross(down));
+    let mut sum_deg = [0.0; 2];
+    let mut turned = vec![DMat3::IDENTITY];
+    for layer in layers {
+        let [pitch_deg, yaw_deg] = layer.wedge_deg();
+        sum_deg = [sum_deg[0] + pitch_deg, sum_deg[1] + yaw_deg];
+        let [(sin_x, cos_x), (sin_y, cos_y)] = sum_deg.map(|deg| libm::sincos(deg.to_radians()));
+        let about_x =
+            DMat3::from_cols_array(&[1.0, 0.0, 0.0, 0.0, cos_x, sin_x, 0.0, -sin_x, cos_x]);
+        let about_y =
+            DMat3::from_cols_array(&[cos_y, 0.0, -sin_y, 0.0, 1.0, 0.0, sin_y, 0.0, cos_y]);
+        turned.push(pane * about_y * about_x * pane.transpose());
+    }
+    Some(turned)
 }
 
 /// Returns the unit vectors of a line's pane that point right and down for an untilted pane.

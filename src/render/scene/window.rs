@@ -8,7 +8,7 @@
 use super::geometry::{
     BackCamera, bow, film_directions, film_plane, film_reach, layers, roughness, slab, stack,
 };
-use crate::line::{Focus, FocusAt, SceneLine};
+use crate::line::{Focus, FocusAt, GlassLayer, SceneLine};
 use crate::trace::{Bow, Lens, Order, Slab, Stack};
 use glam::{DMat3, DVec3};
 
@@ -81,10 +81,7 @@ impl Sight {
             aperture_radius_m,
             scatter: roughness(line)
                 .map_or(0.0, |alphas| scatter(&layers(line), &alphas, order(0)))
-                + line
-                    .glass
-                    .wave
-                    .map_or(0.0, |wave| waved(&layers(line), wave.largest_slope(), order(0))),
+                + turned(&layers(line), steepest(line), order(0)),
             rotation,
             order,
             passes_beside: line.glass.outline.is_some(),
@@ -176,9 +173,16 @@ fn scatter(pane: &Stack, alphas: &[f64], order: Order) -> f64 {
         }
 }
 
-/// Bounds the tangent by which waves with this slope turn the light of `order`: by twice the slope in each reflection, which the
+/// Bounds the slope of a line's faces against the flat pane, by waves and wedges.
+fn steepest(line: &SceneLine) -> f64 {
+    let wedges = line.glass.layers.iter().flat_map(GlassLayer::wedge_deg);
+    let wedge_deg: f64 = wedges.map(f64::abs).sum();
+    line.glass.wave.map_or(0.0, |wave| wave.largest_slope()) + libm::tan(wedge_deg.to_radians())
+}
+
+/// Bounds the tangent by which faces with this slope turn the light of `order`: by twice the slope in each reflection, which the
 /// way out of the glass multiplies by the index, and by the slope times the step of the index in each refraction.
-fn waved(pane: &Stack, slope: f64, order: Order) -> f64 {
+fn turned(pane: &Stack, slope: f64, order: Order) -> f64 {
     let step = |face| {
         let [near, far] = pane.iors(face);
         (far - near).abs()

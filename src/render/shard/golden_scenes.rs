@@ -15,7 +15,7 @@ use crate::trace::{
     RoughPane, RoughShape, Sampling, Scene, Slab, Stack, StackLayer, StackOptics, Texture, View,
     Wave,
 };
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::sync::Arc;
 
 /// A scene of the golden set.
@@ -61,7 +61,7 @@ enum Pane {
     Bent,
     /// A double pane with rough faces.
     Rough,
-    /// Faces with waves.
+    /// Faces with waves and wedges.
     Waved,
     /// Edges with a frame, and a card on either side.
     Framed,
@@ -208,7 +208,14 @@ impl Parameters {
         let alphas = [0.01, 0.02, 0.0, 0.01].map(|alpha| if wave.is_some() { 0.0 } else { alpha });
         let rough = layers.filter(|_| self.pane != Pane::Double).map(|layers| {
             let wave = wave.as_ref();
-            let shape = RoughShape { slab: &slab, distance_m: 0.3, bow: None, wave };
+            let turned = [
+                DMat3::IDENTITY,
+                DMat3::from_rotation_y(0.01),
+                DMat3::from_rotation_x(0.01),
+                DMat3::IDENTITY,
+            ];
+            let turned = wave.is_some().then_some(turned.as_slice());
+            let shape = RoughShape { slab: &slab, distance_m: 0.3, bow: None, wave, turned };
             let (pane, of_paths) =
                 RoughPane::new(&layers, &alphas, shape, between, radiance, tolerance);
             orders = of_paths;

@@ -112,6 +112,7 @@ impl CameraChunk {
             }
         }
         self.meet_glass(scene, patch, 1);
+        self.rough.begin(0, 1);
     }
 
     /// Computes the optics of the glass and the entries of the first `count` samples, from their directions and lens points.

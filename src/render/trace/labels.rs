@@ -2,9 +2,9 @@
 
 use super::bundle::{Bundle, BundleRays, Feeds};
 use super::camera::CameraChunk;
-use super::isa::BASELINE;
+use super::isa::{BASELINE, Isa};
 use super::lanes::{CHUNK, LANES, Lane};
-use super::lines::{ViewLanes, smooth_path_of};
+use super::lines::{Path, ViewLanes, smooth_path_of};
 use super::means::Components;
 use super::patch::Patch;
 use super::scene::{Scene, Surface};
@@ -113,10 +113,14 @@ fn front_depth(
 ) -> Lane {
     camera.aim(scene, patch);
     let order = Order::Transmitted(0);
+    let path = smooth_path_of(scene, order, 0);
+    if let (Path::Rough(path), Some(pane)) = (path, &scene.rough) {
+        camera.scatter(scene, (pane, path), patch, 1, Isa::Baseline);
+    }
     let bundle = Bundle {
         patch,
         camera,
-        path: smooth_path_of(scene, order, 0),
+        path,
         number: 0,
         samples: 1,
         order: Some(order),

@@ -34,7 +34,7 @@ use super::slab::{Order, Slab};
 use super::stack::{Exit, Stack};
 use super::wave::{Wave, WaveLanes};
 use crate::curve::Curve;
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 use paths::Selected;
 
 /// A pane with rough faces, and the paths that the tracer follows.
@@ -49,6 +49,10 @@ pub struct RoughPane {
     distance_m: f32,
     curvature_per_m: f32,
     wave: Option<WaveLanes>,
+    /// The straight path through smooth faces, which T follows if the faces are no parallel planes or spheres.
+    straight: Option<RoughPath>,
+    /// True if T follows the rays of t_0.
+    shares_t_0: bool,
     /// True if the weights of the three colours differ.
     is_coloured: bool,
 }
@@ -59,9 +63,30 @@ pub struct RoughShape<'a> {
     pub slab: &'a Slab,
     /// Distance of the pivot from the lens along the optical axis, m.
     pub distance_m: f64,
-    /// Curvature of a bent pane, which has no waves.
+    /// Curvature of a bent pane, which has neither waves nor wedges.
     pub bow: Option<&'a Bow>,
     pub wave: Option<&'a Wave>,
+    /// Rotation of each face against the first, about the point of the face on the normal through the pivot; without it, all
+    /// are parallel.
+    pub turned: Option<&'a [DMat3]>,
+}
+
+impl RoughShape<'_> {
+    /// True if the faces are no parallel planes or spheres.
+    pub fn is_free(&self) -> bool {
+        self.wave.is_some() || self.turned.is_some()
+    }
+
+    /// Returns the axes of each of the faces in coordinates with the pane's `axes`.
+    fn faces(&self, axes: [DVec3; 3], count: usize) -> Vec<[Vec3; 3]> {
+        let pane = DMat3::from_cols(axes[0], axes[1], axes[2]);
+        let of = |face: usize| {
+            let turned = self.turned.map_or(DMat3::IDENTITY, |turned| turned[face]);
+            let turned = pane.transpose() * turned * pane;
+            [turned.x_axis, turned.y_axis, turned.z_axis].map(DVec3::as_vec3)
+        };
+        (0..count).map(of).collect()
+    }
 }
 
 /// A path, ready for tracing.
@@ -86,8 +111,9 @@ struct Step {
     is_coated: bool,
     /// Distance along the normal from the face before it, m; positive away from the lens. Unused at the first step.
     travel_m: f32,
-    /// Distance of the face from face 0, m.
-    depth_m: f32,
+    /// Origin and axes of the face, in those of the pane; the last axis is its normal. Waves add to it.
+    origin: Vec3,
+    axes: [Vec3; 3],
     /// Constant of the quadratic equation of the way between two spheres, m: half of it is -`travel_m` without curvature.
     constant_m: f32,
     /// Absorption coefficients of the layer crossed on the way, per metre.
@@ -142,7 +168,7 @@ impl RoughPane {
     pub fn new(
         stack: &Stack,
         alphas: &[f64],
-        RoughShape { slab, distance_m, bow, wave }: RoughShape<'_>,
+        shape: RoughShape<'_>,
         cosines: [f64; 2],
         max_radiance: [f64; 2],
         tolerance: f64,
@@ -159,24 +185,36 @@ impl RoughPane {
             max_radiance,
             tolerance,
         );
-        let curvature_per_m = bow.map_or(0.0, |bow| bow.curvature_per_m);
+        let curvature_per_m = shape.bow.map_or(0.0, |bow| bow.curvature_per_m);
         let mut distinct: Vec<f64> = vec![];
         for alpha in alphas {
             if !distinct.contains(alpha) {
                 distinct.push(*alpha);
             }
         }
-        let prepare =
-            |path: &Selected| RoughPath::new(stack, [alphas, &distinct], curvature_per_m, path);
-        let normal = slab.normal;
+        let normal = shape.slab.normal;
         let across = (DVec3::X - normal * normal.x).normalize();
         let axes = [across, normal.cross(across), normal];
+        let faces = shape.faces(axes, alphas.len());
+        let is_smooth = alphas.iter().all(|alpha| *alpha == 0.0);
+        let straight = shape.is_free().then(|| {
+            if !distinct.contains(&0.0) {
+                distinct.push(0.0);
+            }
+            let (smooth, path) = (vec![0.0; alphas.len()], Selected::straight(alphas.len()));
+            RoughPath::new(stack, [&smooth, &distinct], (curvature_per_m, &faces), &path)
+        });
+        let prepare = |path: &Selected| {
+            RoughPath::new(stack, [alphas, &distinct], (curvature_per_m, &faces), path)
+        };
         let pane = Self {
             paths: [0, 1].map(|side: usize| sides[side].0.iter().map(prepare).collect()),
             alphas: distinct.iter().map(|alpha| *alpha as f32).collect(),
             axes: axes.map(DVec3::as_vec3),
-            wave: wave.map(|wave| wave.lanes(axes)),
-            distance_m: distance_m as f32,
+            wave: shape.wave.map(|wave| wave.lanes(axes)),
+            shares_t_0: straight.is_some() && is_smooth,
+            straight,
+            distance_m: shape.distance_m as f32,
             curvature_per_m: curvature_per_m as f32,
             is_coloured: stack.is_coloured(),
         };
@@ -186,6 +224,16 @@ impl RoughPane {
     /// Returns the faces that the path of an order meets; `index` is that of the order among the followed ones of its side.
     pub fn meetings(&self, order: Order, index: usize) -> &[Meeting] {
         &self.path(order, index).meetings
+    }
+
+    /// Returns the path of T, if it has one of its own.
+    pub(super) fn straight(&self) -> Option<&RoughPath> {
+        self.straight.as_ref()
+    }
+
+    /// True if T follows the rays of t_0.
+    pub(super) fn shares_t_0(&self) -> bool {
+        self.shares_t_0
     }
 
     /// Returns the path of an order that the tracer follows.
@@ -199,7 +247,7 @@ impl RoughPath {
     fn new(
         stack: &Stack,
         [alphas, distinct]: [&[f64]; 2],
-        curvature_per_m: f64,
+        (curvature_per_m, faces): (f64, &[[Vec3; 3]]),
         path: &Selected,
     ) -> Self {
         let (mut coated, mut before) = (vec![], 0);
@@ -219,7 +267,8 @@ impl RoughPath {
                 reflects,
                 is_coated: stack.coatings()[face].is_some(),
                 travel_m: (to_m - from_m) as f32,
-                depth_m: to_m as f32,
+                origin: Vec3::Z * to_m as f32,
+                axes: faces[face],
                 constant_m: (of_sphere(from_m) - of_sphere(to_m)) as f32,
                 absorption_per_m: crossed
                     .map_or([0.0; 3], |layer| layer.absorption_per_m)

@@ -173,7 +173,9 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
             let ends = ends_in_block(of_block, before / block, blocks).map(within);
             let feeds = match followed.order {
                 // T sees through the smooth pane.
-                Order::Transmitted(0) if scene.rough.is_some() => {
+                Order::Transmitted(0)
+                    if scene.rough.as_ref().is_some_and(|pane| !pane.shares_t_0()) =>
+                {
                     if wanted.bare {
                         let path = smooth_path_of(scene, followed.order, 0);
                         let path = (path, Some(followed.order), Feeds::Bare);

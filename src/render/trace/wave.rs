@@ -7,8 +7,7 @@
 //! ```
 //!
 //! along the pane's normal n, with the pivot P and a unit vector w in the pane's plane. Every face is met at its height, with the normal
-//! n - z' w there, and light is followed from face to face by Snell's and Fresnel's laws ([`super::rough`]). T is that of the flat
-//! pane: parallel faces turn transmitted light by the small change of slope between entry and exit alone.
+//! n - z' w there, and light is followed from face to face by Snell's and Fresnel's laws ([`super::rough`]).
 
 use super::bent::{RayLanes, dot};
 use super::lanes::{CHUNK, LANES, Lane, floor, sin_cos_octant};

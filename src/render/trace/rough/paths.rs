@@ -38,6 +38,15 @@ pub(super) struct Selected {
     pub(super) max_weight: f64,
 }
 
+impl Selected {
+    /// Returns the path that crosses each of the faces once.
+    pub(super) fn straight(faces: usize) -> Self {
+        let meeting = |face| Meeting { face, inward: true, reflects: false };
+        let meetings = (0..faces).map(meeting).collect();
+        Self { exit: Exit::Transmitted, meetings, max_weight: 1.0 }
+    }
+}
+
 /// A ray of the search, in coordinates with the pane's normal as z, with its weights for s and p, and for each colour.
 #[derive(Clone, Copy)]
 struct Ray {

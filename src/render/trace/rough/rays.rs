@@ -37,10 +37,10 @@ pub(in super::super) struct RoughRays {
     pub(in super::super) is_coloured: bool,
 }
 
-/// Shapes of panes: planes, spheres, and planes with waves.
+/// Shapes of panes: parallel planes, spheres, and planes with waves or wedges.
 const FLAT: u8 = 0;
 const BENT: u8 = 1;
-const WAVED: u8 = 2;
+const FREE: u8 = 2;
 
 /// Facets of a chunk: slopes across and down, and the inverse length of the normal (x, y, 1).
 #[derive(Clone)]
@@ -144,8 +144,8 @@ impl RoughRays {
         }
         if pane.curvature_per_m != 0.0 {
             self.pass::<BENT>(pane, path, rays);
-        } else if pane.wave.is_some() {
-            self.pass::<WAVED>(pane, path, rays);
+        } else if pane.straight.is_some() {
+            self.pass::<FREE>(pane, path, rays);
         } else {
             self.pass::<FLAT>(pane, path, rays);
         }
@@ -298,17 +298,25 @@ impl Travellers {
                 let way_m = if FIRST { 0.0 } else { step.travel_m / d.z };
                 let (out, shares) = scatter::<REFLECTS>(step, d, facet);
                 (p + d * way_m, out, shares, way_m)
+            } else if SHAPE == FREE {
+                let in_face = to_frame(step.axes, p - step.origin);
+                let along = to_frame(step.axes, d);
+                let way_m = match &pane.wave {
+                    _ if FIRST => 0.0,
+                    Some(wave) => wave.way_m(in_face, along, 0.0),
+                    None => -in_face.z / along.z,
+                };
+                let frame = match &pane.wave {
+                    Some(wave) => wave.frame(in_face + along * way_m),
+                    None => [Vec3::X, Vec3::Y, Vec3::Z],
+                };
+                let (out, shares) = scatter::<REFLECTS>(step, to_frame(frame, along), facet);
+                let out = from_frame(step.axes, from_frame(frame, out));
+                (p + d * way_m, out, shares, way_m)
             } else {
-                let (way_m, met) = match pane.wave {
-                    _ if FIRST => (0.0, 1.0),
-                    Some(wave) if SHAPE == WAVED => (wave.way_m(p, d, step.depth_m), 1.0),
-                    _ => pane.way_m(step, p, d),
-                };
+                let (way_m, met) = if FIRST { (0.0, 1.0) } else { pane.way_m(step, p, d) };
                 let p = p + d * way_m;
-                let frame = match pane.wave {
-                    Some(wave) if SHAPE == WAVED => wave.frame(p),
-                    _ => pane.frame(p),
-                };
+                let frame = pane.frame(p);
                 let (out, shares) = scatter::<REFLECTS>(step, to_frame(frame, d), facet);
                 (p, from_frame(frame, out), shares.map(|share| share * met), way_m)
             };
