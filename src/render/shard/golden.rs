@@ -41,7 +41,7 @@ const DIGESTS: &[(&str, &str)] = &[
     ("double", "d091aec5da3f6bb069c1faffadac9e56ab23ce235d7a92cf47700f053d1a9a5c"),
     ("bent", "20827c7e72a2f486383a7b46d7382bb49b49cda23e7c4054d09d28e81eef817a"),
     ("rough", "062de532040a5243bb502ab23130548e79bbe969b1288a5662177f81a51f0501"),
-    ("waved", "caa4dfbb826c505949ee9a76d81c2a1bc873406b61bc543b32028859f061ddea"),
+    ("waved", "a70c6e070840e35a5502a3160826eb1d8e2c2340655678889fa19ee798f9032c"),
     ("framed", "9528fe93caf2a7cb7f47f5d9e8b7401c3717528b6792b02bbde8b8286e59a03a"),
     ("framed-camera", "fc52b28c2d77c2ac9906d2d831eefbd165b7a5f90d875162aa6e8f0d4c2d9654"),
 ];

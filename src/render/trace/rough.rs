@@ -23,6 +23,7 @@
 
 mod paths;
 mod rays;
+mod scatter;
 
 pub use paths::Meeting;
 pub(super) use rays::{CameraRays, RoughRays};
@@ -48,7 +49,10 @@ pub struct RoughPane {
     /// Distance of the pivot from the lens along the optical axis, m.
     distance_m: f32,
     curvature_per_m: f32,
-    wave: Option<WaveLanes>,
+    /// Waves of the faces; of height 0 without waves.
+    wave: WaveLanes,
+    has_waves: bool,
+    has_wedges: bool,
     /// The straight path through smooth faces, which T follows if the faces are no parallel planes or spheres.
     straight: Option<RoughPath>,
     /// True if T follows the rays of t_0.
@@ -147,12 +151,14 @@ impl Coated {
         Self { rows }
     }
 
+    /// Returns the shares, if they are equal at all angles.
+    fn constant(&self) -> Option<[f32; 3]> {
+        (self.rows.len() == 1).then(|| self.rows[0])
+    }
+
     /// Returns the share of a colour.
     #[inline(always)]
     fn at(&self, colour: usize, cos: f32) -> f32 {
-        if self.rows.len() == 1 {
-            return self.rows[0][colour];
-        }
         let (whole, index) = floor(min(max(cos, 0.0), 1.0) * Self::STEPS as f32);
         let index = (index as usize).min(self.rows.len() - 2);
         let [from, to] = [self.rows[index][colour], self.rows[index + 1][colour]];
@@ -211,7 +217,9 @@ impl RoughPane {
             paths: [0, 1].map(|side: usize| sides[side].0.iter().map(prepare).collect()),
             alphas: distinct.iter().map(|alpha| *alpha as f32).collect(),
             axes: axes.map(DVec3::as_vec3),
-            wave: shape.wave.map(|wave| wave.lanes(axes)),
+            wave: shape.wave.map_or_else(WaveLanes::default, |wave| wave.lanes(axes)),
+            has_waves: shape.wave.is_some(),
+            has_wedges: shape.turned.is_some(),
             shares_t_0: straight.is_some() && is_smooth,
             straight,
             distance_m: shape.distance_m as f32,

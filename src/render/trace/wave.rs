@@ -45,6 +45,7 @@ impl Wave {
         WaveLanes {
             amplitude_m: self.amplitude_m as f32,
             slope: self.largest_slope() as f32,
+            wavenumber_per_m: (std::f64::consts::TAU / self.length_m) as f32,
             waves_per_m: axes.map(|axis| (axis.dot(self.across_crests) / self.length_m) as f32),
             across_crests: axes.map(|axis| axis.dot(self.across_crests) as f32),
         }
@@ -52,21 +53,28 @@ impl Wave {
 }
 
 /// Waves in f32.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct WaveLanes {
     amplitude_m: f32,
     /// Largest slope.
     slope: f32,
+    wavenumber_per_m: f32,
     waves_per_m: [f32; 3],
     across_crests: [f32; 3],
 }
 
 impl WaveLanes {
+    /// Returns sine and cosine of the wave's phase at a point relative to the pivot.
+    #[inline(always)]
+    fn phase(&self, point: Vec3) -> (f32, f32) {
+        let [x, y, z] = self.waves_per_m;
+        sin_cos_turns(point.x * x + point.y * y + point.z * z)
+    }
+
     /// Returns height (m) and slope at a point relative to the pivot.
     #[inline(always)]
     fn at(&self, point: Vec3) -> (f32, f32) {
-        let [x, y, z] = self.waves_per_m;
-        let (sin, cos) = sin_cos_turns(point.x * x + point.y * y + point.z * z);
+        let (sin, cos) = self.phase(point);
         (self.amplitude_m * sin, self.slope * cos)
     }
 
@@ -77,31 +85,34 @@ impl WaveLanes {
         Vec3::new(x, y, z)
     }
 
-    /// Returns the way of a ray to a face at the depth `depth_m`, in coordinates with the pane's normal as z, m.
+    /// Returns the way of a ray to the face over the plane z = 0, m, and the slope there. The `FIRST` face is met where the ray is.
     ///
-    /// Newton's step from the flat face is exact to half the curvature times the square of the way to the crest, less than 1e-6 m.
+    /// Newton's step from the plane is exact to half the curvature times the square of the way to the crest, less than 1e-6 m, and
+    /// the slope to a third of the cube of the step's phase.
     #[inline(always)]
-    pub(super) fn way_m(&self, point: Vec3, d: Vec3, depth_m: f32) -> f32 {
-        let flat_m = (depth_m - point.z) / d.z;
-        let (height_m, slope) = self.at(point + d * flat_m);
-        flat_m + height_m / (d.z - slope * dot(d, self.across_crests()))
+    pub(super) fn meet<const FIRST: bool>(&self, point: Vec3, d: Vec3) -> (f32, f32) {
+        let flat_m = if FIRST { 0.0 } else { -point.z / d.z };
+        let (sin, cos) = self.phase(point + d * flat_m);
+        if FIRST {
+            return (0.0, self.slope * cos);
+        }
+        let along = dot(d, self.across_crests());
+        let step_m = self.amplitude_m * sin / (d.z - self.slope * cos * along);
+        let phase = self.wavenumber_per_m * along * step_m;
+        (flat_m + step_m, self.slope * (cos * (1.0 - 0.5 * phase * phase) - sin * phase))
     }
 
-    /// Returns two tangents and the normal of the faces at a point, in coordinates with the pane's normal as z.
+    /// Returns two tangents and the normal of a face with this slope, in coordinates with the plane's normal as z.
     #[inline(always)]
-    pub(super) fn frame(&self, point: Vec3) -> [Vec3; 3] {
-        let (_, slope) = self.at(point);
+    pub(super) fn frame(&self, slope: f32) -> [Vec3; 3] {
         let n = Vec3::Z - self.across_crests() * slope;
         let n = n * (1.0 / dot(n, n).sqrt());
-        let across = Vec3::X - n * n.x;
-        let across = across * (1.0 / dot(across, across).sqrt());
+        // The first tangent is X without its part along n, and the second n x the first.
+        let length = (1.0 - n.x * n.x).sqrt();
+        let inverse = 1.0 / length;
         [
-            across,
-            Vec3::new(
-                n.y * across.z - n.z * across.y,
-                n.z * across.x - n.x * across.z,
-                n.x * across.y - n.y * across.x,
-            ),
+            Vec3::new(length, -n.x * n.y * inverse, -n.x * n.z * inverse),
+            Vec3::new(0.0, n.z * inverse, -n.y * inverse),
             n,
         ]
     }
@@ -178,12 +189,15 @@ mod tests {
             let x = i as f32 * 0.013 - 0.3;
             let d = Vec3::new(0.3, -0.5, if i % 2 == 0 { 0.8 } else { -0.8 }).normalize();
             let depth_m = 0.01 * (i % 3) as f32;
-            let start = Vec3::new(x, 0.1, 0.02);
-            let met = (start + d * lanes.way_m(start, d, depth_m)).as_dvec3();
+            let start = Vec3::new(x, 0.1, 0.02 - depth_m);
+            let (way_m, of_face) = lanes.meet::<false>(start, d);
+            let met = (start + d * way_m).as_dvec3();
             let (height_m, slope) = wave.at(met);
-            assert!((met.z - f64::from(depth_m) - height_m).abs() < 1e-8);
+            assert!((met.z - height_m).abs() < 1e-8);
+            assert!((f64::from(of_face) - slope).abs() < 1e-7, "{of_face} {slope}");
+            assert_eq!(lanes.meet::<true>(met.as_vec3(), d).0, 0.0);
             let n = (DVec3::Z - slope * wave.across_crests).normalize();
-            let [across, down, normal] = lanes.frame(met.as_vec3()).map(Vec3::as_dvec3);
+            let [across, down, normal] = lanes.frame(of_face).map(Vec3::as_dvec3);
             assert!((normal - n).length() < 1e-6 && across.dot(n).abs() < 1e-6);
             assert!((across.cross(down) - n).length() < 1e-6);
         }

@@ -1,18 +1,15 @@
 //! Rays along the paths through rough faces, in lanes; [`super`] has the formulas.
 
-use super::super::bent::RayLanes;
+use super::super::bent::{RayLanes, dot};
 use super::super::camera::concentric_disc;
 use super::super::isa::Isa;
 use super::super::lanes::{CHUNK, LANES, Lane, exp_neg, max, min, neg_ln};
 use super::super::patch::Patch;
 use super::super::sampler::points;
 use super::super::scene::Sampling;
+use super::scatter::{LEAST_COS, cross, from_frame, scatter, to_frame};
 use super::{RoughPane, RoughPath, Step};
 use glam::Vec3;
-
-/// Least cosine of a direction's angle to the normal of a face, and to the optical axis. Flatter rays would leave the
-/// range of the numbers.
-const LEAST_COS: f32 = 1.0e-4;
 
 /// Largest square of a facet's coordinates in the unit disc, from which its slopes are drawn: at 1, the slopes are infinite.
 const MOST_OF_DISC: f32 = 1.0 - 1.0 / 16_777_216.0;
@@ -37,10 +34,11 @@ pub(in super::super) struct RoughRays {
     pub(in super::super) is_coloured: bool,
 }
 
-/// Shapes of panes: parallel planes, spheres, and planes with waves or wedges.
+/// Shapes of panes: parallel planes, spheres, and planes with waves, with wedges, or with both.
 const FLAT: u8 = 0;
 const BENT: u8 = 1;
-const FREE: u8 = 2;
+const WAVES: u8 = 2;
+const WEDGES: u8 = 4;
 
 /// Facets of a chunk: slopes across and down, and the inverse length of the normal (x, y, 1).
 #[derive(Clone)]
@@ -107,6 +105,9 @@ impl RoughRays {
         rays: &CameraRays<'_>,
         isa: Isa,
     ) {
+        if pane.has_waves || pane.has_wedges {
+            return self.follow_turned(pane, path, rays, isa);
+        }
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code, reason = "calling functions compiled for AVX2 and AVX-512")]
         if isa.is_available() {
@@ -121,6 +122,29 @@ impl RoughRays {
         self.follow_lanes(pane, path, rays);
     }
 
+    /// [`Self::follow`] of a pane with waves or wedges, whose code the loops of parallel faces must not contain.
+    #[inline(never)]
+    fn follow_turned(
+        &mut self,
+        pane: &RoughPane,
+        path: &RoughPath,
+        rays: &CameraRays<'_>,
+        isa: Isa,
+    ) {
+        #[cfg(target_arch = "x86_64")]
+        #[allow(unsafe_code, reason = "calling functions compiled for AVX2 and AVX-512")]
+        if isa.is_available() {
+            match isa {
+                // SAFETY: this machine has AVX-512.
+                Isa::Avx512 => return unsafe { self.follow_turned_avx512(pane, path, rays) },
+                // SAFETY: this machine has AVX2.
+                Isa::Avx2 => return unsafe { self.follow_turned_avx2(pane, path, rays) },
+                Isa::Baseline => {}
+            }
+        }
+        self.follow_turned_lanes(pane, path, rays);
+    }
+
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     fn follow_avx2(&mut self, pane: &RoughPane, path: &RoughPath, rays: &CameraRays<'_>) {
@@ -133,21 +157,47 @@ impl RoughRays {
         self.follow_lanes(pane, path, rays);
     }
 
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn follow_turned_avx2(&mut self, pane: &RoughPane, path: &RoughPath, rays: &CameraRays<'_>) {
+        self.follow_turned_lanes(pane, path, rays);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,avx512f,avx512vl,avx512dq,avx512bw")]
+    fn follow_turned_avx512(&mut self, pane: &RoughPane, path: &RoughPath, rays: &CameraRays<'_>) {
+        self.follow_turned_lanes(pane, path, rays);
+    }
+
     #[inline(always)]
     fn follow_lanes(&mut self, pane: &RoughPane, path: &RoughPath, rays: &CameraRays<'_>) {
+        self.prepare(pane, path, rays);
+        if pane.curvature_per_m == 0.0 {
+            self.pass::<FLAT>(pane, path, rays);
+        } else {
+            self.pass::<BENT>(pane, path, rays);
+        }
+    }
+
+    #[inline(always)]
+    fn follow_turned_lanes(&mut self, pane: &RoughPane, path: &RoughPath, rays: &CameraRays<'_>) {
+        self.prepare(pane, path, rays);
+        match (pane.has_waves, pane.has_wedges) {
+            (true, false) => self.pass::<WAVES>(pane, path, rays),
+            (true, true) => self.pass::<{ WAVES | WEDGES }>(pane, path, rays),
+            (false, _) => self.pass::<WEDGES>(pane, path, rays),
+        }
+    }
+
+    /// Finds the rays at face 0 and the facets of a path, if the chunk does not have them yet.
+    #[inline(always)]
+    fn prepare(&mut self, pane: &RoughPane, path: &RoughPath, rays: &CameraRays<'_>) {
         self.is_coloured = pane.is_coloured;
         if !self.has_arrived {
             self.arrive(pane, rays);
         }
         for (k, step) in path.steps.iter().enumerate() {
             self.draw(pane, rays, k, step.roughness);
-        }
-        if pane.curvature_per_m != 0.0 {
-            self.pass::<BENT>(pane, path, rays);
-        } else if pane.straight.is_some() {
-            self.pass::<FREE>(pane, path, rays);
-        } else {
-            self.pass::<FLAT>(pane, path, rays);
         }
     }
 
@@ -169,14 +219,31 @@ impl RoughRays {
                 let is_flat = kappa == 0.0;
                 let (p, d) =
                     if is_flat { (to_frame(pane.axes, p), to_frame(pane.axes, d)) } else { (p, d) };
-                let waved_m = pane.wave.map_or(0.0, |wave| wave.way_m(p, d, 0.0));
-                let p = p + d * waved_m;
                 for (lanes, v) in self.arrival.iter_mut().zip([p.x, p.y, p.z, d.x, d.y, d.z]) {
                     lanes[s][l] = v;
                 }
             }
         }
+        if pane.has_waves {
+            self.arrive_at_waves(pane);
+        }
         self.has_arrived = true;
+    }
+
+    /// Moves the rays of a pane with waves from the plane of face 0 to the face.
+    #[inline(always)]
+    fn arrive_at_waves(&mut self, pane: &RoughPane) {
+        for s in 0..self.count {
+            for l in 0..LANES {
+                let [px, py, pz, dx, dy, dz] =
+                    self.arrival.each_mut().map(|lanes| &mut lanes[s][l]);
+                let d = Vec3::new(*dx, *dy, *dz);
+                let (way_m, _) = pane.wave.meet::<false>(Vec3::new(*px, *py, *pz), d);
+                *px += d.x * way_m;
+                *py += d.y * way_m;
+                *pz += d.z * way_m;
+            }
+        }
     }
 
     /// Draws the facets of meeting `k` for the pane's roughness with this number.
@@ -264,12 +331,16 @@ impl RoughRays {
             self.point[0][s][l] = p.x - dx * (p.z + pane.distance_m);
             self.point[1][s][l] = p.y - dy * (p.z + pane.distance_m);
         }
+        let constant = path.coated.constant();
         for c in 0..if pane.is_coloured { 3 } else { 1 } {
+            let of_coatings = constant.map_or(1.0, |shares| shares[c]);
             for l in 0..LANES {
                 let share = if path.absorbs { exp_neg(max(rays.depth[c][l], 0.0)) } else { 1.0 };
                 let power = 0.5 * (rays.power[0][l] + rays.power[1][l]);
-                let coated = path.coated.at(c, self.arrival[5][s][l]);
-                self.weight[c][s][l] = power * coated * share;
+                self.weight[c][s][l] = power * of_coatings * share;
+            }
+            for l in 0..if constant.is_some() { 0 } else { LANES } {
+                self.weight[c][s][l] *= path.coated.at(c, self.arrival[5][s][l]);
             }
         }
     }
@@ -298,20 +369,25 @@ impl Travellers {
                 let way_m = if FIRST { 0.0 } else { step.travel_m / d.z };
                 let (out, shares) = scatter::<REFLECTS>(step, d, facet);
                 (p + d * way_m, out, shares, way_m)
-            } else if SHAPE == FREE {
-                let in_face = to_frame(step.axes, p - step.origin);
-                let along = to_frame(step.axes, d);
-                let way_m = match &pane.wave {
-                    _ if FIRST => 0.0,
-                    Some(wave) => wave.way_m(in_face, along, 0.0),
-                    None => -in_face.z / along.z,
-                };
-                let frame = match &pane.wave {
-                    Some(wave) => wave.frame(in_face + along * way_m),
-                    None => [Vec3::X, Vec3::Y, Vec3::Z],
-                };
-                let (out, shares) = scatter::<REFLECTS>(step, to_frame(frame, along), facet);
-                let out = from_frame(step.axes, from_frame(frame, out));
+            } else if SHAPE != BENT {
+                let (mut q, mut along) = (p - step.origin, d);
+                if SHAPE & WEDGES != 0 {
+                    (q, along) = (to_frame(step.axes, q), to_frame(step.axes, along));
+                }
+                let (way_m, mut out, shares);
+                if SHAPE & WAVES == 0 {
+                    way_m = if FIRST { 0.0 } else { -q.z / along.z };
+                    (out, shares) = scatter::<REFLECTS>(step, along, facet);
+                } else {
+                    let slope;
+                    (way_m, slope) = pane.wave.meet::<FIRST>(q, along);
+                    let frame = pane.wave.frame(slope);
+                    (out, shares) = scatter::<REFLECTS>(step, to_frame(frame, along), facet);
+                    out = from_frame(frame, out);
+                }
+                if SHAPE & WEDGES != 0 {
+                    out = from_frame(step.axes, out);
+                }
                 (p + d * way_m, out, shares, way_m)
             } else {
                 let (way_m, met) = if FIRST { (0.0, 1.0) } else { pane.way_m(step, p, d) };
@@ -358,79 +434,7 @@ impl RoughPane {
     }
 }
 
-/// Reflects or refracts a ray with unit direction `d`, in coordinates with the face's normal as z, at a facet with the normal (x, y, 1)
-/// and the inverse of its length. Returns the new direction, and the factors of the weights for s and p.
-#[inline(always)]
-fn scatter<const REFLECTS: bool>(
-    step: &Step,
-    d: Vec3,
-    [x, y, inverse]: [f32; 3],
-) -> (Vec3, [f32; 2]) {
-    let [before, behind] = step.ior;
-    let eta = before / behind;
-    let to_facet = d.x * x + d.y * y + d.z;
-    let cos = to_facet.abs() * inverse;
-    // n_1 sin_1 = n_2 sin_2; beyond total reflection, nothing is transmitted.
-    let cos_t = max(1.0 - eta * eta * (1.0 - cos * cos), 0.0).sqrt();
-    let along_facet = to_facet * inverse * inverse;
-    let (out, straight) = if REFLECTS {
-        let turn = -2.0 * along_facet;
-        (Vec3::new(d.x + turn * x, d.y + turn * y, d.z + turn), Vec3::new(d.x, d.y, -d.z))
-    } else {
-        let turn = cos_t.copysign(to_facet) * inverse - eta * along_facet;
-        (Vec3::new(eta * d.x + turn * x, eta * d.y + turn * y, eta * d.z + turn), d)
-    };
-    // The facet faces the light, and the light leaves on the right side of the face.
-    let shape = to_facet / d.z;
-    let leaves = out.z * straight.z.signum();
-    let is_possible = shape > 0.0 && leaves > LEAST_COS;
-    let shape = if is_possible { shape } else { 0.0 };
-    // Amplitudes are differences over sums, for s and for p.
-    let (s_1, s_2) = (before * cos, behind * cos_t);
-    let (p_1, p_2) = (behind * cos, before * cos_t);
-    let both = 1.0 / ((s_1 + s_2) * (p_1 + p_2));
-    let share = |a: f32, b: f32, inverse: f32| {
-        let share = if REFLECTS {
-            let amplitude = (a - b) * inverse;
-            amplitude * amplitude
-        } else {
-            4.0 * a * b * inverse * inverse
-        };
-        if step.is_coated { shape } else { share * shape }
-    };
-    let shares = [share(s_1, s_2, both * (p_1 + p_2)), share(p_1, p_2, both * (s_1 + s_2))];
-    let out = Vec3::new(
-        if is_possible { out.x } else { straight.x },
-        if is_possible { out.y } else { straight.y },
-        if is_possible { out.z } else { straight.z },
-    );
-    (out, shares)
-}
-
 #[inline(always)]
 fn lane(v: &[Lane; 3], l: usize) -> Vec3 {
     Vec3::new(v[0][l], v[1][l], v[2][l])
-}
-
-/// Returns a vector's coordinates in a frame of three unit vectors at right angles.
-#[inline(always)]
-fn to_frame([x, y, z]: [Vec3; 3], v: Vec3) -> Vec3 {
-    Vec3::new(dot(v, x), dot(v, y), dot(v, z))
-}
-
-/// Returns the vector with these coordinates in a frame.
-#[inline(always)]
-fn from_frame([x, y, z]: [Vec3; 3], v: Vec3) -> Vec3 {
-    x * v.x + y * v.y + z * v.z
-}
-
-/// The dot product with a fixed order of its sums.
-#[inline(always)]
-fn dot(a: Vec3, b: Vec3) -> f32 {
-    a.x * b.x + a.y * b.y + a.z * b.z
-}
-
-#[inline(always)]
-fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    Vec3::new(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 }
