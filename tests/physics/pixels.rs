@@ -154,19 +154,23 @@ fn double_panes_match_with_both_apexes() {
     compare("steps and noise, camera, tilt -12 20, coated double pane", &case);
 }
 
-/// A pane that ends inside the picture, with frame and cards on both sides, alone and with other features.
-#[test]
-fn covered_panes_match_with_both_apexes() {
-    let mut case = case(Relief::Steps, Relief::Noise);
-    let edges = Edges {
+/// Edges of a pane that ends inside the picture, with a frame.
+fn edges() -> Edges {
+    Edges {
         x_m: [-0.06, 0.05],
         y_m: [-0.045, 0.07],
         frame_m: 0.02,
         frame_radiance: [0.3, 0.2, 0.1],
-    };
+    }
+}
+
+/// A pane that ends inside the picture, with frame and cards on both sides, alone and with other features.
+#[test]
+fn covered_panes_match_with_both_apexes() {
+    let mut case = case(Relief::Steps, Relief::Noise);
     let front = [noisy_card(1.6, [0.2, 0.1], 0.9, 3), noisy_card(0.6, [-0.05, 0.0], 0.25, 4)];
     let back = [noisy_card(1.1, [-0.3, 0.0], 1.2, 5), noisy_card(0.2, [0.1, 0.05], 0.3, 6)];
-    case.covered.edges = Some(edges);
+    case.covered.edges = Some(edges());
     compare("steps and noise, mirror, frame", &case);
     case.covered.cards = [front.to_vec(), back.to_vec()];
     compare("steps and noise, mirror, frame and cards", &case);
@@ -197,12 +201,7 @@ fn bent_panes_match_with_both_apexes() {
         (case.tilt_deg, case.apex, case.gaussian) = (tilt_deg, apex, gaussian);
         compare(&format!("steps and noise, radius {radius_m} m, {apex:?}"), &case);
     }
-    case.covered.edges = Some(Edges {
-        x_m: [-0.06, 0.05],
-        y_m: [-0.045, 0.07],
-        frame_m: 0.02,
-        frame_radiance: [0.3, 0.2, 0.1],
-    });
+    case.covered.edges = Some(edges());
     let card = noisy_card(0.7, [0.1, 0.0], 0.4, 3);
     case.covered.cards = [vec![card.clone()], vec![card]];
     compare("steps and noise, radius 1.5 m, camera, frame and cards", &case);
@@ -223,14 +222,8 @@ fn rough_panes_match_with_every_other_feature() {
     case.bow_radius_m = Some(-3.0);
     compare("steps and noise, camera, alpha 0.1 and 0.03, radius -3 m, tilt, absorbing", &case);
     (case.bow_radius_m, case.tilt_deg) = (Some(6.0), [0.0; 2]);
-    let edges = Edges {
-        x_m: [-0.06, 0.05],
-        y_m: [-0.045, 0.07],
-        frame_m: 0.02,
-        frame_radiance: [0.3, 0.2, 0.1],
-    };
     let card = noisy_card(0.7, [0.1, 0.0], 0.4, 3);
-    case.covered.edges = Some(edges);
+    case.covered.edges = Some(edges());
     case.covered.cards = [vec![card.clone()], vec![card]];
     compare("steps and noise, camera, alpha 0.1 and 0.03, radius 6 m, frame and cards", &case);
     (case.bow_radius_m, case.apex) = (None, Apex::Mirror);
@@ -256,14 +249,8 @@ fn waved_panes_match_with_every_other_feature() {
     case.stack = Some(coated_double_pane());
     compare("steps and noise, camera, waves, coated double pane", &case);
     case.roughness = Some(vec![0.01, 0.0, 0.02, 0.0]);
-    let edges = Edges {
-        x_m: [-0.06, 0.05],
-        y_m: [-0.045, 0.07],
-        frame_m: 0.02,
-        frame_radiance: [0.3, 0.2, 0.1],
-    };
     let card = noisy_card(0.7, [0.1, 0.0], 0.4, 3);
-    case.covered.edges = Some(edges);
+    case.covered.edges = Some(edges());
     case.covered.cards = [vec![card.clone()], vec![card]];
     compare("steps and noise, camera, waves, rough coated double pane, frame and cards", &case);
 }
