@@ -163,7 +163,7 @@ fn geometry_params(recipe: &Recipe) -> Vec<(String, &Param)> {
         | "glass.distance_m"
         | "glass.roughness"
         | "glass.bow_radius_m" => true,
-        _ => key.starts_with("glass.tilt_deg") || key.starts_with("cover."),
+        _ => ["glass.tilt_deg", "glass.wedge_deg", "cover."].iter().any(|k| key.starts_with(k)),
     };
     let mut params = recipe.params();
     params.retain(|(key, _)| decides(key));

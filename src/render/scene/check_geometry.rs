@@ -1,6 +1,8 @@
 //! Refuses panes at a grazing angle and panes that cut the lens.
 
-use super::geometry::{bow, filter_reach_px, roughness, slab, unfiltered_film};
+use super::geometry::{
+    bow, filter_reach_px, layers, roughness, slab, turned_faces, unfiltered_film,
+};
 use crate::line::{Roughness, SceneLine};
 use crate::trace::Slab;
 use glam::DVec3;
@@ -69,6 +71,17 @@ pub enum GeometryError {
         v: f64,
         problem: &'static str,
         radius_m: f64,
+    },
+    /// A layer whose wedge leaves it without thickness inside the picture.
+    #[error(
+        "the faces before and behind layer {layer} of the pane meet inside the picture, at film point ({u} px, {v} px): reduce \
+         glass.layers[{layer}].wedge_deg (in recipes glass.wedge_deg), glass.distance_m or glass.tilt_deg, or make the layer thicker"
+    )]
+    FacesMeet {
+        layer: usize,
+        /// Film point whose ray meets the pane there, px.
+        u: f64,
+        v: f64,
     },
 }
 
@@ -146,6 +159,30 @@ pub fn check_geometry(
                 yaw_deg,
                 focal_length_mm,
             });
+        }
+    }
+    check_wedges(line, &slab)
+}
+
+/// Refuses wedges with which two faces of the pane meet inside the picture. Depths of faces over face 0 are linear, so the corners
+/// of the film decide.
+fn check_wedges(line: &SceneLine, slab: &Slab) -> Result<(), GeometryError> {
+    let Some(turned) = turned_faces(line) else {
+        return Ok(());
+    };
+    let (stack, n) = (layers(line), slab.normal);
+    let pivot = DVec3::Z * line.glass.distance_m;
+    for corner in film_corners(line) {
+        let d = DVec3::new(corner.slope[0], corner.slope[1], 1.0);
+        let from_pivot = d * (slab.plane_distance_m / d.dot(n)) - pivot;
+        let depth_m = |face: usize| {
+            let normal = turned[face] * n;
+            stack.depth_m(face) - from_pivot.dot(normal) / n.dot(normal)
+        };
+        // The margin is for the rounding of layers without thickness. The comparison is false for NaN, so NaN is refused, too.
+        let is_open = |layer: &usize| depth_m(layer + 1) - depth_m(*layer) >= -1e-12;
+        if let Some(layer) = (0..turned.len() - 1).find(|layer| !is_open(layer)) {
+            return Err(GeometryError::FacesMeet { layer, u: corner.u + 0.0, v: corner.v + 0.0 });
         }
     }
     Ok(())
@@ -278,8 +315,8 @@ fn worst_direction(corner: [f64; 2], spread: f64, normal: DVec3, least_cos: f64)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::line::Filter;
     use crate::line::published;
+    use crate::line::{Filter, GlassLayer};
     use crate::trace::Slab;
     use proptest::prelude::*;
 
@@ -332,6 +369,32 @@ mod tests {
         assert!(matches!(error, GeometryError::PaneCutsLens { .. }), "{error}");
         line.glass.distance_m = 0.016;
         check_geometry(&line, 0.0).unwrap();
+    }
+
+    #[test]
+    fn wedges_whose_faces_meet_inside_the_picture_are_refused() {
+        let wedged = |glass_m: f64, wedge_deg: [f64; 2]| {
+            let mut line = published();
+            let (ior, absorption_per_m) = (1.52, [0.0; 3]);
+            let layers = [GlassLayer::Glass { glass_m, ior, absorption_per_m, wedge_deg }];
+            line.glass.set_layers(&layers);
+            let half_m = film_corners(&line)[0].slope[0].abs() * line.glass.distance_m;
+            (check_geometry(&line, 0.0), half_m)
+        };
+        // The faces meet where the distance from the pivot times the slope is the thickness.
+        let (found, half_m) = wedged(0.004, [0.0, 0.1]);
+        found.unwrap();
+        let meets_deg = (0.004 / half_m).atan().to_degrees();
+        wedged(0.004, [0.0, 0.99 * meets_deg]).0.unwrap();
+        for wedge_deg in [[0.0, 1.01 * meets_deg], [0.0, -1.01 * meets_deg]] {
+            let error = wedged(0.004, wedge_deg).0.unwrap_err().to_string();
+            assert!(
+                error.contains("behind layer 0 of the pane meet inside the picture"),
+                "{error}"
+            );
+            assert!(error.contains("reduce glass.layers[0].wedge_deg"), "{error}");
+        }
+        assert!(wedged(0.0, [0.1, 0.0]).0.is_err());
     }
 
     #[test]
@@ -424,9 +487,7 @@ mod tests {
                 Err(GeometryError::PaneCutsLens { plane_distance_m, reach_m, .. }) => {
                     prop_assert!(plane_distance_m <= reach_m);
                 }
-                Err(GeometryError::Folded { .. } | GeometryError::TooRough { .. }) => {
-                    prop_assert!(false, "the pane is flat and smooth");
-                }
+                Err(other) => prop_assert!(false, "the pane is flat, smooth and parallel: {other}"),
             }
         }
     }

@@ -131,7 +131,7 @@ impl Stack {
     }
 
     /// Returns the distance of a face from face 0, m.
-    pub(super) fn depth_m(&self, face: usize) -> f64 {
+    pub fn depth_m(&self, face: usize) -> f64 {
         self.layers[..face].iter().map(|layer| layer.thickness_m).sum()
     }
 

@@ -40,7 +40,7 @@ impl Wave {
         (self.amplitude_m * sin, self.largest_slope() * cos)
     }
 
-    /// Returns the waves in coordinates with these axes, of which the last is the pane's normal.
+    /// Returns the waves in coordinates with these axes. The last axis is the pane's normal.
     pub(super) fn lanes(&self, axes: [DVec3; 3]) -> WaveLanes {
         WaveLanes {
             amplitude_m: self.amplitude_m as f32,
