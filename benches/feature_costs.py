@@ -37,6 +37,7 @@ LAYERS = ["input", "transmission", "glass_reflection", "clean_reflection"]
 PANE = {"glass_m": 0.004, "ior": 1.52}
 FRAME = {"x_m": [-0.06, 0.065], "y_m": [-0.055, 0.06], "frame_m": 0.012, "frame_radiance": [0.3, 0.25, 0.2]}
 CARD = {"color": "card.png", "distance_m": 0.1, "center_m": [0.02, 0.05], "width_m": 0.2}
+SMUDGES = {"seed": 7, "coverage": 0.3, "mark_m": 0.05, "roughness": 0.05, "haze": 0.5, "transmittance": 0.95}
 COATING = {"face": 1, "reflectance": [0.12, 0.06, 0.16], "transmittance": [0.8, 0.86, 0.78]}
 
 # Name of each row, and the scene line's values that it changes, by dotted key.
@@ -61,6 +62,7 @@ ROWS: list[tuple[str, dict]] = [
     ("double pane, wedge of 0.1 degrees", {"glass.layers": [PANE, {"gap_m": 0.016, "wedge_deg": [0, 0.1]}, PANE]}),
     ("rough faces, alpha of 0.003", {"glass.roughness": 0.003}),
     ("rough faces, alpha of 0.02", {"glass.roughness": 0.02}),
+    ("smudges on 0.3 of the pane", {"glass.smudges": SMUDGES}),
     ("light of 16 times white, both sides", {"front.exposure": 16.0, "back.exposure": 16.0}),
     ("`order_tolerance` 0 (all orders, all samples)", {"film.order_tolerance": 0.0}),
     ("`layers`: T", {"film.layers": LAYERS[1:2]}),

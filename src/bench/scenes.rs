@@ -5,7 +5,7 @@ use procedural::{Place, SamplePhotograph};
 use render::formats::{NamedBytes, PhotographFiles};
 use render::line::{SceneLine, parse_scene};
 use render::scene::{
-    DecodedScene, InputDigests, LoadedScene, SceneFiles, Sheet, SideFiles, assemble, decode,
+    DecodedScene, InputDigests, LoadedScene, SceneFiles, Sheet, SideFiles, assemble_decoded, decode,
 };
 use render::trace::{Grid, Sampling, Texture};
 use serde_json::{Value, json};
@@ -28,9 +28,9 @@ impl BenchScene {
         line: &SceneLine,
         sampling: Sampling,
     ) -> Result<LoadedScene, BenchError> {
-        let DecodedScene { front, back, inputs } = self.photographs.clone();
-        let (mut scene, facts) = assemble(line, front, back)?;
+        let (mut scene, facts) = assemble_decoded(line, self.photographs.clone())?;
         scene.sampling = sampling;
+        let inputs = self.photographs.inputs.clone();
         Ok(LoadedScene { scene, facts, inputs })
     }
 }
@@ -91,6 +91,7 @@ pub fn stress(film_px: u32) -> BenchScene {
     let photographs = DecodedScene {
         front: sheet(0x51ab).into(),
         back: sheet(0x3c6e_f372).into(),
+        smudges: None,
         inputs: InputDigests::default(),
     };
     BenchScene { name: "stress".to_owned(), line, photographs }

@@ -3,7 +3,7 @@
 use super::error::FarmError;
 use crate::run::{Run, RunError, keys};
 use crate::store::{Store, StoreError};
-use render::line::{Roots, is_url};
+use render::line::{Roots, SceneLine, is_url};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -40,13 +40,11 @@ fn share_inputs(run: &Run, store: &Store) -> Result<(), StoreError> {
     }
     let own: BTreeMap<&String, &PathBuf> = own_roots(run).collect();
     let mut wanted = BTreeSet::new();
-    for side in run.lines.iter().flat_map(|line| [&line.front, &line.back]) {
-        for (_, text) in side.paths() {
-            let path = text.split_once(':').and_then(|(name, rest)| {
-                Some(own.get(&name.to_owned())?.join(rest).to_str()?.to_owned())
-            });
-            wanted.extend(path);
-        }
+    for (_, text) in run.lines.iter().flat_map(SceneLine::paths) {
+        let path = text.split_once(':').and_then(|(name, rest)| {
+            Some(own.get(&name.to_owned())?.join(rest).to_str()?.to_owned())
+        });
+        wanted.extend(path);
     }
     if wanted.is_empty() {
         return Ok(());

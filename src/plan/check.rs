@@ -8,7 +8,7 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use render::formats::{NamedBytes, PictureSize};
 use render::ids::SceneId;
 use render::input_file::{InputFile, MAX_FILE_BYTES};
-use render::line::{Photograph, Roots, SceneLine, Side, is_url};
+use render::line::{Photograph, Roots, SceneLine, Side, Smudges, is_url};
 use render::scene::{
     END_BYTES, FileEnds, FileRole, Look, OtherAspect, PhotographSizes, START_BYTES, check_turned,
     far_depth_m, far_text, look, look_at_whole,
@@ -281,7 +281,9 @@ fn place_of(path: &str) -> &str {
 }
 
 fn files_of(line: &SceneLine) -> impl Iterator<Item = (&str, FileRole)> {
-    [&line.front, &line.back].into_iter().flat_map(roles)
+    let map = line.glass.smudges.as_ref().and_then(Smudges::map);
+    let map = map.map(|map| (map.as_str(), FileRole::Smudges));
+    [&line.front, &line.back].into_iter().flat_map(roles).chain(map)
 }
 
 /// Returns the files of a side with their roles.

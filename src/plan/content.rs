@@ -120,9 +120,8 @@ impl Content {
                 notes.push(format!("{count} {what}"));
             }
         }
-        let sides = lines.iter().flat_map(|line| [&line.front, &line.back]);
         let used: BTreeSet<&str> =
-            sides.flat_map(|side| side.paths()).map(|(_, path)| path).collect();
+            lines.iter().flat_map(SceneLine::paths).map(|(_, path)| path).collect();
         let is_used = |one: &&ProceduralInput| used.contains(one.name().as_str());
         let to_make = to_make.iter().filter(is_used).cloned().collect();
         Ok(Draft { lines, notes, rejected, to_make })

@@ -4,7 +4,7 @@ use super::choice::Choice;
 use super::draw::Draw;
 use super::glazing::{GlazingRecipe, named};
 use super::param::Param;
-use render::line::{Glass, GlassLayer, Outline, Roughness, Wave};
+use render::line::{Glass, GlassLayer, Outline, Roughness, SmudgePattern, Smudges, Wave};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -34,6 +34,8 @@ pub struct GlassRecipe {
     /// Pitch and yaw of all faces behind the first gap, or behind the glass of a pane without gaps, against those before it,
     /// degrees. Default 0: parallel. Not with `bow_radius_m`.
     pub wedge_deg: Option<[Param; 2]>,
+    /// Smudges on the front face. Default none: clean.
+    pub smudges: Option<SmudgeRecipe>,
     /// Edges of the pane and its frame. Default none: the pane fills the picture.
     pub outline: Option<OutlineRecipe>,
 }
@@ -51,6 +53,7 @@ impl Default for GlassRecipe {
             bow_radius_m: None,
             wave: None,
             wedge_deg: None,
+            smudges: None,
             outline: None,
         }
     }
@@ -67,6 +70,26 @@ pub struct WaveRecipe {
     /// Direction across the crests, from right to down. Default 0.
     #[serde(default = "zero")]
     pub direction_deg: Param,
+}
+
+/// `[glass.smudges]`: marks of random places and forms on the front face.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SmudgeRecipe {
+    /// Share of the pane with marks; 0 is clean.
+    pub coverage: Param,
+    /// Width of the largest marks, m. Default 0.05.
+    #[serde(default = "width_of_marks")]
+    pub mark_m: Param,
+    /// Roughness of the front face under the marks, Beckmann's alpha. Default 0.05.
+    #[serde(default = "roughness_of_marks")]
+    pub roughness: Param,
+    /// Share of the light that meets the smear inside the marks. Default 0.5.
+    #[serde(default = "haze_of_marks")]
+    pub haze: Param,
+    /// Share of this light that passes the smear. Default 0.95.
+    #[serde(default = "transmittance_of_marks")]
+    pub transmittance: Param,
 }
 
 /// `[glass.outline]`: edges of a pane that ends inside the picture, and its frame.
@@ -87,6 +110,22 @@ pub struct OutlineRecipe {
 
 fn zero() -> Param {
     Param::Constant(0.0)
+}
+
+fn width_of_marks() -> Param {
+    Param::Constant(0.05)
+}
+
+fn roughness_of_marks() -> Param {
+    Param::Constant(0.05)
+}
+
+fn haze_of_marks() -> Param {
+    Param::Constant(0.5)
+}
+
+fn transmittance_of_marks() -> Param {
+    Param::Constant(0.95)
 }
 
 fn black() -> [Param; 3] {
@@ -116,6 +155,10 @@ impl GlassRecipe {
         if let Some(wedge) = &self.wedge_deg {
             params.extend(indexed("glass.wedge_deg", wedge));
         }
+        if let Some(smudges) = &self.smudges {
+            let numbers = smudges.params();
+            params.extend(numbers.map(|(key, param)| (format!("glass.smudges.{key}"), param)));
+        }
         if let Some(outline) = &self.outline {
             params.extend(indexed("glass.outline.x_m", &outline.x_m));
             params.extend(indexed("glass.outline.y_m", &outline.y_m));
@@ -139,6 +182,7 @@ impl GlassRecipe {
             bow_radius_m: None,
             wave: self.wave.as_ref().and_then(|wave| wave.draw(draw)),
             roughness: None,
+            smudges: self.smudges.as_ref().and_then(|smudges| smudges.draw(draw)),
             outline: self.outline.as_ref().map(|outline| outline.draw(draw)),
         };
         if let Some(GlazingRecipe(names)) = &self.glazing {
@@ -193,6 +237,32 @@ impl WaveRecipe {
             amplitude_m,
             length_m: draw.value("glass.wave.length_m", &self.length_m),
             direction_deg: draw.value("glass.wave.direction_deg", &self.direction_deg),
+        })
+    }
+}
+
+impl SmudgeRecipe {
+    fn params(&self) -> [(&'static str, &Param); 5] {
+        [
+            ("coverage", &self.coverage),
+            ("mark_m", &self.mark_m),
+            ("roughness", &self.roughness),
+            ("haze", &self.haze),
+            ("transmittance", &self.transmittance),
+        ]
+    }
+
+    /// Draws the smudges of a line; `None` for a coverage of 0.
+    fn draw(&self, draw: Draw<'_>) -> Option<Smudges> {
+        let [coverage, mark_m, roughness, haze, transmittance] =
+            self.params().map(|(key, param)| draw.value(&format!("glass.smudges.{key}"), param));
+        // 32 bits stay exact in readers that hold numbers as f64.
+        let seed = (draw.unit("glass.smudges.seed") * f64::from(u32::MAX)) as u64;
+        (coverage > 0.0).then_some(Smudges {
+            pattern: SmudgePattern::Marks { seed, coverage, mark_m },
+            roughness,
+            haze,
+            transmittance,
         })
     }
 }

@@ -176,6 +176,13 @@ mod tests {
                 "key glass.bow_radius_m bends single uncoated panes only, but glass.glazing can be \"double-4-16-4\"",
             ),
             ("bow_radius_m = 8\nglazing = \"museum-ar\"", "glass.glazing can be \"museum-ar\""),
+            ("smudges = { mark_m = 0.1 }", "missing field `coverage`"),
+            ("smudges = { coverage = 0.1, seed = 4 }", "unknown field `seed`"),
+            (
+                "smudges = { coverage = { uniform = [0, 2] } }",
+                "glass.smudges.coverage (uniform 0 to 2) can be 2, but must be 0 to 1",
+            ),
+            ("smudges = { coverage = 0.1, mark_m = 0 }", "key glass.smudges.mark_m is 0, but must"),
             ("outline = { x_m = [0, 1] }", "missing field `y_m`"),
             ("outline = { x_m = [0, 1], y_m = [0, 1], frame = 1 }", "unknown field `frame`"),
             (

@@ -3,7 +3,7 @@
 use super::draw::Draw;
 use super::recipe::Recipe;
 use super::recipe::tests::PAPER;
-use render::line::{Glass, Roughness};
+use render::line::{Glass, Roughness, SmudgePattern};
 use std::collections::BTreeMap;
 
 /// Draws the panes of a number of scenes from the paper's recipe with other keys of the pane's make.
@@ -76,15 +76,34 @@ fn roughness_of_the_recipe_goes_before_that_of_the_glazing() {
 }
 
 #[test]
+fn smudges_have_seeds_of_their_own_and_no_coverage_is_clean() {
+    let keys = "smudges = { coverage = { choice = [0, 0.2] }, mark_m = 0.03, transmittance = 0.9 }";
+    let all: Vec<_> = panes(keys, 40).into_iter().map(|glass| glass.smudges).collect();
+    let smudges: Vec<_> = all.iter().flatten().collect();
+    assert!((8..32).contains(&smudges.len()), "{}", smudges.len());
+    let mut seeds = std::collections::BTreeSet::new();
+    for one in smudges {
+        assert_eq!((one.roughness, one.haze, one.transmittance), (0.05, 0.5, 0.9));
+        let SmudgePattern::Marks { seed, coverage, mark_m } = one.pattern else {
+            panic!("{one:?}")
+        };
+        assert_eq!((coverage, mark_m), (0.2, 0.03));
+        assert!(seeds.insert(seed), "{seed} twice");
+    }
+}
+
+#[test]
 fn new_keys_change_no_other_draw() {
     let keys = "ior = { uniform = [1.3, 1.7] }\nthickness_m = { choice = [0.003, 0.004, 0.006] }\n\
                 tilt_deg = [{ uniform = [-9, 9] }, 0]";
     let plain = panes(keys, 50);
     let more = "roughness = { uniform = [0.001, 0.01] }\nbow_radius_m = { choice = [-9, 7] }\n\
+                smudges = { coverage = { uniform = [0.1, 0.3] } }\n\
                 outline = { x_m = [-0.1, { uniform = [0.1, 0.2] }], y_m = [{ uniform = [-0.2, -0.1] }, 0.1] }";
     for (mut glass, plain) in panes(&format!("{keys}\n{more}"), 50).into_iter().zip(&plain) {
         let outline = glass.outline.take().unwrap();
         assert!((0.1..=0.2).contains(&outline.x_m[1]) && (-0.2..=-0.1).contains(&outline.y_m[0]));
+        assert!(glass.smudges.take().is_some());
         assert!(glass.roughness.take().is_some() && glass.bow_radius_m.take().is_some());
         assert_eq!(glass, *plain);
     }

@@ -9,7 +9,7 @@ use serde::de::{self, Deserializer, MapAccess, Visitor};
 use std::fmt;
 
 /// Names of all parameters that a recipe may have, as `Recipe::params` returns them.
-pub(crate) const PARAMETERS: [&str; 63] = [
+pub(crate) const PARAMETERS: [&str; 68] = [
     "film.width",
     "film.height",
     "film.spp",
@@ -33,6 +33,11 @@ pub(crate) const PARAMETERS: [&str; 63] = [
     "glass.wave.direction_deg",
     "glass.wedge_deg[0]",
     "glass.wedge_deg[1]",
+    "glass.smudges.coverage",
+    "glass.smudges.mark_m",
+    "glass.smudges.roughness",
+    "glass.smudges.haze",
+    "glass.smudges.transmittance",
     "glass.outline.x_m[0]",
     "glass.outline.x_m[1]",
     "glass.outline.y_m[0]",

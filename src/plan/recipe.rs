@@ -295,7 +295,7 @@ impl Recipe {
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::cover::{FrameRecipe, PhotographerRecipe, ScreenRecipe};
-    use super::super::glass::{OutlineRecipe, WaveRecipe};
+    use super::super::glass::{OutlineRecipe, SmudgeRecipe, WaveRecipe};
     use super::*;
     use render::line::{DepthKind, Intrinsics};
 
@@ -345,6 +345,9 @@ pairs = { diode = 120, places = 80 }
             length_m: Param::Constant(0.3),
             direction_deg: Param::Constant(0.0),
         });
+        let [coverage, mark_m, roughness, haze, transmittance] = [0.05; 5].map(Param::Constant);
+        recipe.glass.smudges =
+            Some(SmudgeRecipe { coverage, mark_m, roughness, haze, transmittance });
         recipe.glass.outline = Some(OutlineRecipe {
             x_m: [-0.1, 0.1].map(Param::Constant),
             y_m: [-0.1, 0.1].map(Param::Constant),

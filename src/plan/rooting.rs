@@ -19,18 +19,14 @@ pub(super) fn root_paths(
     keeps_absolute: bool,
 ) {
     let prefix = |text: &str| text.split_once(':').map(|(name, _)| name.to_owned());
-    let taken: BTreeSet<String> = {
-        let sides = lines.iter().flat_map(|line| [&line.front, &line.back]);
-        sides.flat_map(|side| side.paths()).filter_map(|(_, text)| prefix(text)).collect()
-    };
+    let taken: BTreeSet<String> =
+        lines.iter().flat_map(SceneLine::paths).filter_map(|(_, text)| prefix(text)).collect();
     let mut names = (1..).map(|n| format!("{FOLDER_ROOT}{n}")).filter(|name| {
         // A name in a line without a root stays an error.
         !taken.contains(name) && !roots.contains_key(name)
     });
     let mut folders: BTreeMap<PathBuf, String> = BTreeMap::new();
-    for text in lines.iter_mut().flat_map(|line| {
-        [&mut line.front, &mut line.back].into_iter().flat_map(|side| side.paths_mut())
-    }) {
+    for text in lines.iter_mut().flat_map(SceneLine::paths_mut) {
         let is_rooted = prefix(text).is_some_and(|name| roots.contains_key(&name));
         let path = base.join(text.as_str());
         let (Some(folder), Some(file)) = (path.parent(), path.file_name()) else {

@@ -180,8 +180,7 @@ pub(crate) fn plan_run(
 }
 
 fn has_absolute_paths(line: &SceneLine) -> bool {
-    let paths = [&line.front, &line.back].into_iter().flat_map(|side| side.paths());
-    paths.into_iter().any(|(_, path)| Path::new(path).is_absolute())
+    line.paths().into_iter().any(|(_, path)| Path::new(path).is_absolute())
 }
 
 /// Refuses a folder without a run if planning would overwrite the source or, unless an earlier planning was killed

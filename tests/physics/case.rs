@@ -1,6 +1,7 @@
 //! Small scenes with the parameters of a scene line, and their rendering.
 
 use crate::cover::Covered;
+use crate::smudges::Smudged;
 use glam::{DMat3, DVec3};
 use render::label::LabelSet;
 use render::layer::PerLayer;
@@ -113,6 +114,8 @@ pub(crate) struct Case {
     pub(crate) turned_deg: Vec<[f64; 2]>,
     /// Roughness of each face.
     pub(crate) roughness: Option<Vec<f64>>,
+    /// Smudges on the front face.
+    pub(crate) smudges: Option<Smudged>,
     /// Objects that cover a part of the picture.
     pub(crate) covered: Covered,
     pub(crate) tilt_deg: [f64; 2],
@@ -142,6 +145,7 @@ impl Case {
             wave: None,
             turned_deg: vec![],
             roughness: None,
+            smudges: None,
             covered: Covered::default(),
             tilt_deg: [0.0; 2],
             apex: Apex::Mirror,
@@ -174,6 +178,12 @@ impl Case {
         let pane = Self::rotation(self.tilt_deg);
         let of = |deg: &[f64; 2]| pane * Self::rotation(*deg) * pane.transpose();
         (!self.turned_deg.is_empty()).then(|| self.turned_deg.iter().map(of).collect())
+    }
+
+    /// Returns the unit vectors of the pane that point right and down without a tilt.
+    pub(crate) fn axes(&self) -> [DVec3; 2] {
+        let turned = Self::rotation(self.tilt_deg);
+        [turned * DVec3::X, turned * DVec3::Y]
     }
 
     /// Returns the waves of the pane.
@@ -278,12 +288,14 @@ impl Case {
         let wave = self.waves();
         let layers = self.layers();
         let turned = self.turned();
-        let is_free = wave.is_some() || turned.is_some();
+        let smudges = self.smudges.as_ref().map(|smudges| smudges.tracer(self.axes()));
+        let is_free = wave.is_some() || turned.is_some() || smudges.is_some();
         let smooth = || is_free.then(|| vec![0.0; layers.coatings().len()]);
         let rough = self.roughness.clone().or_else(smooth).map(|alphas| {
             let (bow, wave) = (bow.as_ref(), wave.as_ref());
             let turned = turned.as_deref();
-            let shape = RoughShape { slab: &slab, distance_m: self.distance_m, bow, wave, turned };
+            let (distance_m, smudges) = (self.distance_m, smudges.as_ref());
+            let shape = RoughShape { slab: &slab, distance_m, bow, wave, turned, smudges };
             let (pane, of_paths) =
                 RoughPane::new(&layers, &alphas, shape, between, radiance, self.tolerance);
             orders = of_paths;

@@ -46,6 +46,7 @@ const BOUNDS: &[(&str, [f64; 4])] = &[
     ("waved", [2.06e-2, 2.25e-2, 5.45e-2, 6.48e-3]),
     ("framed", [3.96e-2, 4.09e-2, 8.49e-2, 8.14e-3]),
     ("framed-camera", [3.97e-2, 4.09e-2, 8.14e-2, 1.28e-2]),
+    ("smudged", [4.50e-2, 2.25e-2, 8.00e-2, 1.00e-6]),
 ];
 
 fn path(name: &str) -> PathBuf {

@@ -25,6 +25,7 @@ mod rough;
 mod sampler;
 mod sheet;
 mod slab;
+mod smudges;
 mod spot;
 mod stack;
 mod table;

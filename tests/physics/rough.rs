@@ -3,8 +3,9 @@
 use crate::case::{CLEAN, Case, GLASS, I, Photo, T, bumpy};
 use crate::optics::{Exit, face, mirrored};
 use crate::reference::concentric;
+use crate::smudges::Smudged;
 use glam::{DMat3, DVec3};
-use render::trace::{Coating, Meeting, PixelSeed, StackLayer, Wave, sample};
+use render::trace::{Coating, Meeting, PixelSeed, Smear, StackLayer, Wave, sample};
 
 /// A pane of a case, whose faces are planes, concentric spheres or height fields.
 #[derive(Clone)]
@@ -18,13 +19,16 @@ pub(crate) struct RoughReference {
     wave: Option<Wave>,
     /// Rotation of each face against the first.
     turned: Option<Vec<DMat3>>,
+    smudges: Option<Smudged>,
+    /// Axes of the pattern of smudges.
+    axes: [DVec3; 2],
 }
 
 impl RoughReference {
     /// Returns the pane of a case with rough faces.
     pub(crate) fn new(case: &Case) -> Option<Self> {
         let (stack, wave, turned) = (case.layers(), case.waves(), case.turned());
-        let is_free = wave.is_some() || turned.is_some();
+        let is_free = wave.is_some() || turned.is_some() || case.smudges.is_some();
         let smooth = || is_free.then(|| vec![0.0; stack.coatings().len()]);
         let alphas = case.roughness.clone().or_else(smooth)?;
         Some(Self {
@@ -36,6 +40,8 @@ impl RoughReference {
             alphas,
             wave,
             turned,
+            smudges: case.smudges.clone(),
+            axes: case.axes(),
         })
     }
 
@@ -93,10 +99,19 @@ impl RoughReference {
 
     /// Follows a ray through smooth faces.
     pub(crate) fn straight(&self, origin: DVec3, d: DVec3) -> Exit {
-        let smooth = Self { alphas: vec![0.0; self.alphas.len()], ..self.clone() };
+        let alphas = vec![0.0; self.alphas.len()];
+        let smooth = Self { alphas, smudges: None, ..self.clone() };
         let meeting = |face| Meeting { face, inward: true, reflects: false };
         let meetings: Vec<Meeting> = (0..self.alphas.len()).map(meeting).collect();
         smooth.follow(&meetings, (&PixelSeed::new(0, 0, 0), 0), origin, d)
+    }
+
+    /// Returns the smear, if sample `index` of a pixel meets it.
+    fn smear(&self, (seed, index): (&PixelSeed, u32), origin: DVec3, d: DVec3) -> Option<Smear> {
+        let smudges = self.smudges.as_ref()?;
+        let from_pivot = origin + self.reach(0, origin, d) * d - self.pivot;
+        let [u, ..] = sample(&seed.of_meeting(u32::MAX), index);
+        (f64::from(u) < smudges.share(self.axes, from_pivot)).then_some(smudges.smear)
     }
 
     /// True if the faces are no parallel planes or spheres.
@@ -115,6 +130,12 @@ impl RoughReference {
         let (mut point, mut d, mut share) = (origin, d.normalize(), [[1.0; 3]; 2]);
         // Coatings have the shares of the camera ray's angle; coated panes are flat.
         let cos_i = d.dot(self.normal);
+        let smear = self.smear((seed, index), origin, d);
+        if let Some(smear) = smear {
+            let reflected = meetings.iter().filter(|meeting| meeting.reflects).count();
+            let passes = if reflected % 2 == 0 { 1 } else { 2 };
+            share = [[smear.transmittance.powi(passes); 3]; 2];
+        }
         let mut before: Option<usize> = None;
         let ior = |layer: Option<usize>| {
             layer.and_then(|layer| self.layers.get(layer)).map_or(1.0, |layer| layer.ior)
@@ -138,7 +159,9 @@ impl RoughReference {
             let (x, y) = concentric(f64::from(u), f64::from(v));
             let square = (x * x + y * y).min(1.0 - 2f64.powi(-24));
             let scale = if square > 0.0 {
-                self.alphas[number] * (-(1.0 - square).ln() / square).sqrt()
+                let smear = smear.filter(|_| number == 0);
+                let alpha = smear.map_or(self.alphas[number], |smear| smear.roughness);
+                alpha * (-(1.0 - square).ln() / square).sqrt()
             } else {
                 0.0
             };

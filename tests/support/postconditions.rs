@@ -101,9 +101,8 @@ impl Call {
             let text = std::fs::read_to_string(&path).unwrap_or_default();
             let lines = text.lines().chain([text.as_str()]);
             for line in lines.filter_map(|line| serde_json::from_str::<SceneLine>(line).ok()) {
-                let sides = [&line.front, &line.back].into_iter().flat_map(|side| side.paths());
                 let base = path.parent().unwrap();
-                paths.extend(sides.map(|(_, file)| base.join(file)));
+                paths.extend(line.paths().into_iter().map(|(_, file)| base.join(file)));
             }
             paths.push(path);
         }

@@ -38,9 +38,9 @@ struct OnDemand {
 
 impl OnDemand {
     fn make(&self, line: &SceneLine) -> Files {
-        let sides = line.front.paths().into_iter().chain(line.back.paths());
+        let of_line = line.paths().into_iter();
         let paths: BTreeSet<PathBuf> =
-            sides.map(|(_, path)| self.roots.resolve(&self.run, path).unwrap()).collect();
+            of_line.map(|(_, path)| self.roots.resolve(&self.run, path).unwrap()).collect();
         let needed = self.pictures.iter();
         let needed: Vec<ProceduralInput> = needed
             .filter(|one| one.paths(&self.run).iter().any(|path| paths.contains(path)))

@@ -159,7 +159,7 @@ fn outputs<'a>(args: &'a RenderArgs, source: &Source) -> Result<Outputs<'a>, Fai
     let files =
         line.film.layers.names().flat_map(|name| ENDINGS.map(|e| format!("{name}.{e}").into()));
     let mut inputs = vec![args.scene.clone()];
-    for (_, path) in line.front.paths().into_iter().chain(line.back.paths()) {
+    for (_, path) in line.paths() {
         inputs.push(roots.resolve(base, path)?);
     }
     Ok(Outputs { command: "render", folder: &args.out, files: files.collect(), inputs })

@@ -4,7 +4,7 @@ use crate::light::luminance;
 use compose::ssim_grey;
 use render::color::SrgbEncoder;
 use render::line::SceneLine;
-use render::scene::{AssembleError, DecodedScene, assemble};
+use render::scene::{AssembleError, DecodedScene, assemble_decoded};
 use render::trace::{Isa, Tile, trace_tile};
 
 /// Largest side of the preview, px.
@@ -44,7 +44,7 @@ impl Preview {
         small.film.spp = line.film.spp.min(PREVIEW_SPP);
         small.film.target_error = None;
         small.film.layers = render::line::LayerSet::default();
-        let (scene, _) = assemble(&small, scene.front.clone(), scene.back.clone())?;
+        let (scene, _) = assemble_decoded(&small, scene.clone())?;
         let tile = Tile { x: 0, y: 0, width: small.film.width, height: small.film.height };
         let pixels = trace_tile(&scene, tile, 0..small.film.spp, isa).pixels;
         let layer = |k: usize| -> Vec<[f64; 3]> {

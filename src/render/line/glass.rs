@@ -4,6 +4,7 @@ use super::coating::FaceCoating;
 use super::image::is_default;
 use super::outline::Outline;
 use super::roughness::Roughness;
+use super::smudges::Smudges;
 use super::wave::Wave;
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +34,8 @@ pub struct Glass {
     pub wave: Option<Wave>,
     /// Roughness of the faces, smooth without it.
     pub roughness: Option<Roughness>,
+    /// Smudges on the front face, clean without them.
+    pub smudges: Option<Smudges>,
     /// Edges of the pane; without them, the pane fills the picture.
     pub outline: Option<Outline>,
 }
@@ -93,6 +96,8 @@ struct GlassKeys {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     roughness: Option<Roughness>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    smudges: Option<Smudges>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     outline: Option<Outline>,
 }
 
@@ -131,6 +136,7 @@ impl TryFrom<GlassKeys> for Glass {
             bow_radius_m: keys.bow_radius_m,
             wave: keys.wave,
             roughness: keys.roughness,
+            smudges: keys.smudges,
             outline: keys.outline,
         })
     }
@@ -151,6 +157,7 @@ impl From<Glass> for GlassKeys {
             bow_radius_m: glass.bow_radius_m,
             wave: glass.wave,
             roughness: glass.roughness,
+            smudges: glass.smudges,
             outline: glass.outline,
         }
     }

@@ -55,6 +55,7 @@ const FROM_0: Limit = Limit::new(Included(0.0), Unbounded, "finite and at least 
 const FINITE: Limit = Limit::new(Unbounded, Unbounded, "finite");
 const BELOW_90_DEG: Limit =
     Limit::new(Excluded(-90.0), Excluded(90.0), "above -90 and below 90 degrees");
+const SHARE: Limit = Limit::between(0.0, 1.0, "0 to 1");
 const PERCENTILE: Limit = Limit::new(Excluded(0.0), Included(100.0), "above 0 and at most 100");
 /// Ends and mean of a relative depth, and distance of a panorama without a depth map, m.
 pub(crate) const RELATIVE_DEPTH_M: Limit = Limit::between(1.0e-3, 1.0e6, "0.001 to 1e6 m");
@@ -86,10 +87,11 @@ fn row(key: &str) -> Option<Limit> {
         "glass.thickness_m" | "glass.absorption_per_m" | "exposure" | "illuminant" => FROM_0,
         "layers.glass_m" | "layers.gap_m" | "layers.absorption_per_m" => FROM_0,
         "glass.ior" | "layers.ior" => Limit::between(1.0, 10.0, "1 to 10"),
-        "coatings.reflectance" | "coatings.reflectance_back" | "coatings.transmittance" => {
-            Limit::between(0.0, 1.0, "0 to 1")
-        }
-        "glass.roughness" => Limit::between(0.0, 0.1, "0 to 0.1"),
+        "coatings.reflectance" | "coatings.reflectance_back" | "coatings.transmittance" => SHARE,
+        "smudges.coverage" | "smudges.haze" | "smudges.transmittance" => SHARE,
+        "smudges.mark_m" | "smudges.width_m" => ABOVE_0,
+        "smudges.center_m" => FINITE,
+        "glass.roughness" | "smudges.roughness" => Limit::between(0.0, 0.1, "0 to 0.1"),
         "glass.bow_radius_m" | "outline.x_m" | "outline.y_m" | "cards.center_m" => FINITE,
         "outline.frame_m" | "outline.frame_radiance" => FROM_0,
         "cards.distance_m" | "cards.width_m" | "wave.length_m" => ABOVE_0,

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! scene_line -> side -> photograph, panorama -> image, highlights, depth_range   the line's types
-//! glass, coating, roughness, wave, outline   the pane, its layers, faces and edges
+//! glass, coating, roughness, wave, smudges, outline   the pane, its layers, faces and edges
 //! card         flat pictures on a side
 //! layers       images to render               side_json, jsonl   sides and manifests as text
 //! roots        resolution of paths            validate, limits   checks of each field
@@ -43,6 +43,7 @@ mod roughness;
 mod scene_line;
 mod side;
 mod side_json;
+mod smudges;
 mod validate;
 mod wave;
 
@@ -63,6 +64,7 @@ pub use roughness::Roughness;
 pub use scene_line::*;
 pub(crate) use side::card_key;
 pub use side::{MeshFile, MeshPose, Side};
+pub use smudges::{SmudgePattern, Smudges};
 pub use validate::side as validate_side;
 pub use wave::{MAX_WAVE_SLOPE, Wave};
 

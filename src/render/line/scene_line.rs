@@ -4,6 +4,7 @@ use super::glass::Glass;
 use super::image::{is_default, is_one, is_white, one, white};
 use super::layers::LayerSet;
 use super::side::Side;
+use super::smudges::Smudges;
 use crate::ids::SceneId;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -64,6 +65,27 @@ pub struct SceneLine {
     pub front: Side,
     /// The side reflected in the pane.
     pub back: Side,
+}
+
+/// Key of the picture of a pane's smudges.
+pub(crate) const SMUDGES_MAP: &str = "glass.smudges.map";
+
+impl SceneLine {
+    /// Returns the paths of all files of the scene, with their JSON keys.
+    pub fn paths(&self) -> Vec<(String, &str)> {
+        let sides = [("front", &self.front), ("back", &self.back)].into_iter();
+        let of_sides = sides.flat_map(|(name, side)| {
+            side.paths().into_iter().map(move |(key, path)| (format!("{name}.{key}"), path))
+        });
+        let map = self.glass.smudges.as_ref().and_then(Smudges::map);
+        of_sides.chain(map.map(|map| (SMUDGES_MAP.to_owned(), map.as_str()))).collect()
+    }
+
+    /// Returns mutable references to the paths of [`Self::paths`].
+    pub fn paths_mut(&mut self) -> Vec<&mut String> {
+        let sides = [&mut self.front, &mut self.back].into_iter().flat_map(Side::paths_mut);
+        sides.chain(self.glass.smudges.as_mut().and_then(Smudges::map_mut)).collect()
+    }
 }
 
 /// The film and its sampling.

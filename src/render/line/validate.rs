@@ -9,6 +9,7 @@ use super::panorama::{PanoramaDepth, PanoramaFile};
 use super::photograph::Photograph;
 use super::scene_line::{Focus, SCENE_SCHEMA, SceneLine};
 use super::side::{MeshFile, Side};
+use super::smudges::Smudges;
 
 impl SceneLine {
     /// Checks each field. [`crate::scene::check_geometry`] checks pane, lens and film together.
@@ -58,6 +59,7 @@ impl SceneLine {
         bow(glass)?;
         wave(glass)?;
         roughness(glass)?;
+        glass.smudges.as_ref().map_or(Ok(()), Smudges::check)?;
         outline(glass)?;
         side("front", &self.front)?;
         side("back", &self.back)?;

@@ -10,8 +10,10 @@ use super::geometry::{
     BackCamera, bow, cosines_between, film_directions, film_plane, film_reach, layers, outline,
     roughness, slab, stack, turned_faces, wave,
 };
+use super::load::{DecodedScene, InputDigests};
 use super::near::Near;
 use super::place::{DecodedSide, Placed};
+use super::smudges::smudges;
 use super::surface::{back_surface, front_surface};
 use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine};
 use crate::trace::{
@@ -19,31 +21,30 @@ use crate::trace::{
 };
 use glam::DVec3;
 
-/// Places the sides, focuses the lens, checks the geometry and selects the orders of the glass.
+/// Assembles a scene without a map of smudges from its decoded sides; see [`assemble_decoded`].
+///
+/// # Panics
+///
+/// If the line has such a map.
 pub fn assemble(
     line: &SceneLine,
     front: impl Into<DecodedSide>,
     back: impl Into<DecodedSide>,
 ) -> Result<(Scene, SceneFacts), AssembleError> {
-    assemble_sides(line, front.into(), back.into())
+    let (front, back, inputs) = (front.into(), back.into(), InputDigests::default());
+    assemble_decoded(line, DecodedScene { front, back, smudges: None, inputs })
 }
 
-/// [`assemble`] without type parameters, so that it is compiled with the settings of this crate.
-fn assemble_sides(
+/// Places the sides, focuses the lens, checks the geometry and selects the orders of the glass.
+pub fn assemble_decoded(
     line: &SceneLine,
-    front: DecodedSide,
-    back: DecodedSide,
+    decoded: DecodedScene,
 ) -> Result<(Scene, SceneFacts), AssembleError> {
+    let DecodedScene { front, back, smudges: map, .. } = decoded;
     let max_radiance = Sides { front: front.max_radiance(), back: back.max_radiance() };
     let slab = slab(line);
     let back_camera = BackCamera::new(line.back.apex().unwrap_or_default(), &slab);
-    let cover = Cover {
-        outline: outline(line),
-        cards: [
-            front_cards(line.front.cards(), &front.cards, &slab)?,
-            back_cards(line.back.cards(), &back.cards, &slab, &back_camera)?,
-        ],
-    };
+    let cover = cover(line, [&front, &back], &slab, &back_camera)?;
     let (front, back) = (front.surface, back.surface);
     let lateral_m = line.camera.aperture_radius_m + line.glass.thickness_m;
     // The capture coordinates of the front are those of the lens.
@@ -72,12 +73,14 @@ fn assemble_sides(
         }
     };
     let (wave, turned) = (wave(line), turned_faces(line));
+    let smudges = smudges(line, map.as_deref());
     let shape = RoughShape {
         slab: &slab,
         distance_m: line.glass.distance_m,
         bow: bow.as_ref(),
         wave: wave.as_ref(),
         turned: turned.as_deref(),
+        smudges: smudges.as_ref(),
     };
     let rough = rough_pane(line, shape, between, brightest).map(|(pane, of_paths)| {
         orders = of_paths;
@@ -130,6 +133,20 @@ fn assemble_sides(
     Ok((scene, facts))
 }
 
+/// Places edges, frame and cards.
+fn cover(
+    line: &SceneLine,
+    [front, back]: [&DecodedSide; 2],
+    slab: &Slab,
+    back_camera: &BackCamera,
+) -> Result<Cover, AssembleError> {
+    let cards = [
+        front_cards(line.front.cards(), &front.cards, slab)?,
+        back_cards(line.back.cards(), &back.cards, slab, back_camera)?,
+    ];
+    Ok(Cover { outline: outline(line), cards })
+}
+
 /// Returns the cosines of incidence of pinhole rays in these directions.
 fn cosines(directions: &[DVec3], slab: &Slab, bow: Option<&Bow>) -> Vec<f64> {
     let cosine = |d: &DVec3| {
@@ -139,7 +156,7 @@ fn cosines(directions: &[DVec3], slab: &Slab, bow: Option<&Bow>) -> Vec<f64> {
     directions.iter().map(cosine).collect()
 }
 
-/// Returns a pane with rough faces, waves or a wedge, and the paths through it; `None` for other panes.
+/// Returns a pane with rough faces, waves, a wedge or smudges, and the paths through it; `None` for other panes.
 fn rough_pane(
     line: &SceneLine,
     shape: RoughShape<'_>,
@@ -147,7 +164,8 @@ fn rough_pane(
     brightest: [f64; 2],
 ) -> Option<(RoughPane, OrderPlan)> {
     let layers = layers(line);
-    let smooth = || shape.is_free().then(|| vec![0.0; layers.coatings().len()]);
+    let is_smooth = shape.is_free() || shape.smudges.is_some();
+    let smooth = || is_smooth.then(|| vec![0.0; layers.coatings().len()]);
     let alphas = roughness(line).or_else(smooth)?;
     Some(RoughPane::new(&layers, &alphas, shape, between, brightest, line.film.order_tolerance))
 }

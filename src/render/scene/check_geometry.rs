@@ -1,9 +1,9 @@
 //! Refuses panes at a grazing angle and panes that cut the lens.
 
 use super::geometry::{
-    bow, filter_reach_px, layers, roughness, slab, turned_faces, unfiltered_film,
+    bow, filter_reach_px, largest_roughness, layers, slab, turned_faces, unfiltered_film,
 };
-use crate::line::{Roughness, SceneLine};
+use crate::line::SceneLine;
 use crate::trace::Slab;
 use glam::DVec3;
 
@@ -32,7 +32,7 @@ pub enum GeometryError {
     /// A ray that meets rough faces so flat that their facets would hide each other.
     #[error(
         "a ray of film point ({u} px, {v} px) meets the rough pane at {angle_deg:.2} degrees, but at most {most_deg:.2} are \
-         allowed with a glass.roughness of {alpha}: reduce glass.roughness, glass.tilt_deg ({pitch_deg}, {yaw_deg}) or \
+         allowed with a roughness of {alpha}: reduce glass.roughness (or that of glass.smudges), glass.tilt_deg ({pitch_deg}, {yaw_deg}) or \
          camera.aperture_radius_m, or increase camera.focal_length_mm ({focal_length_mm})"
     )]
     TooRough {
@@ -91,13 +91,16 @@ const MOST_ALPHA_TANGENT: f64 = 0.625;
 
 /// Returns the largest angle between a camera ray and the normal of a line's pane.
 fn most_incidence_deg(line: &SceneLine) -> f64 {
-    match roughness(line) {
-        Some(alphas) => {
-            let alpha = alphas.into_iter().fold(0.0, f64::max);
-            MAX_INCIDENCE_DEG.min(libm::atan(MOST_ALPHA_TANGENT / alpha).to_degrees())
-        }
-        None => MAX_INCIDENCE_DEG,
+    let alpha = largest_alpha(line);
+    if alpha == 0.0 {
+        return MAX_INCIDENCE_DEG;
     }
+    MAX_INCIDENCE_DEG.min(libm::atan(MOST_ALPHA_TANGENT / alpha).to_degrees())
+}
+
+/// Returns the largest roughness of a line's pane, with its smudges.
+fn largest_alpha(line: &SceneLine) -> f64 {
+    largest_roughness(line).into_iter().flatten().fold(0.0, f64::max)
 }
 
 /// Refuses a pane that cuts the lens, or that a camera ray meets at more than [`MAX_INCIDENCE_DEG`].
@@ -154,7 +157,7 @@ pub fn check_geometry(
                 v,
                 angle_deg,
                 most_deg,
-                alpha: line.glass.roughness.as_ref().map_or(0.0, Roughness::largest),
+                alpha: largest_alpha(line),
                 pitch_deg,
                 yaw_deg,
                 focal_length_mm,
@@ -316,7 +319,7 @@ fn worst_direction(corner: [f64; 2], spread: f64, normal: DVec3, least_cos: f64)
 mod tests {
     use super::*;
     use crate::line::published;
-    use crate::line::{Filter, GlassLayer};
+    use crate::line::{Filter, GlassLayer, Roughness};
     use crate::trace::Slab;
     use proptest::prelude::*;
 
@@ -429,10 +432,7 @@ mod tests {
         // A corner ray meets the pane at about 15.7 degrees more than the tilt.
         rough(0.1, 60.0).unwrap();
         let error = rough(0.1, 66.0).unwrap_err();
-        assert!(
-            error.contains("at most 80.91 are allowed with a glass.roughness of 0.1"),
-            "{error}"
-        );
+        assert!(error.contains("at most 80.91 are allowed with a roughness of 0.1"), "{error}");
         rough(0.02, 66.0).unwrap();
         rough(0.0, 66.0).unwrap();
     }

@@ -103,7 +103,7 @@ pub(super) fn turned_faces(line: &SceneLine) -> Option<Vec<DMat3>> {
 }
 
 /// Returns the unit vectors of a line's pane that point right and down for an untilted pane.
-fn pane_axes(line: &SceneLine) -> [DVec3; 2] {
+pub(super) fn pane_axes(line: &SceneLine) -> [DVec3; 2] {
     let [pitch, yaw] = line.glass.tilt_deg.map(f64::to_radians);
     let (sin_pitch, cos_pitch) = libm::sincos(pitch);
     let (sin_yaw, cos_yaw) = libm::sincos(yaw);
@@ -118,6 +118,18 @@ pub(super) fn roughness(line: &SceneLine) -> Option<Vec<f64>> {
     let glass = &line.glass;
     let roughness = glass.roughness.as_ref().filter(|roughness| roughness.largest() > 0.0)?;
     roughness.of_faces(glass.layers.len().max(1) + 1)
+}
+
+/// Returns the largest roughness of each face of a line's pane, with its smudges, if one of them can be rough.
+pub(super) fn largest_roughness(line: &SceneLine) -> Option<Vec<f64>> {
+    let of_faces = roughness(line);
+    let smear = line.glass.smudges.as_ref().map_or(0.0, |smudges| smudges.roughness);
+    if smear == 0.0 {
+        return of_faces;
+    }
+    let mut alphas = of_faces.unwrap_or_else(|| vec![0.0; line.glass.layers.len().max(1) + 1]);
+    alphas[0] = alphas[0].max(smear);
+    Some(alphas)
 }
 
 /// Returns the edges of a line's pane. The camera's exposure and white balance apply to the frame.

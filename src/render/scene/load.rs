@@ -4,14 +4,18 @@ use super::cache::PhotographCache;
 use super::card::decode_card;
 use super::facts::order_facts;
 use super::panorama::decode_panorama;
+use super::smudges::{SmudgeMap, decode_map};
 use super::window::Sight;
-use super::{AssembleError, Decoded, DecodedSide, SceneFacts, assemble, decode_mesh};
+use super::{AssembleError, Decoded, DecodedSide, SceneFacts, assemble_decoded, decode_mesh};
 use crate::formats::{NamedBytes, PanoramaFiles, PhotographFiles, SceneError};
-use crate::line::{PanoramaDepth, RootError, Roots, SceneLine, Side, card_key};
+use crate::line::{
+    PanoramaDepth, RootError, Roots, SMUDGES_MAP, SceneLine, Side, Smudges, card_key,
+};
 use crate::trace::Scene;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A scene that cannot be made from its files: a reason for quarantine.
 #[derive(Debug, thiserror::Error)]
@@ -34,12 +38,14 @@ pub struct SceneFiles {
     pub back: SideFiles,
     /// Pictures of the cards of the front and of the back.
     pub cards: [Vec<NamedBytes>; 2],
+    /// Map of the pane's smudges, if the line has one.
+    pub smudges: Option<NamedBytes>,
 }
 
 impl SceneFiles {
-    /// Makes the files of a scene without cards.
+    /// Makes the files of a scene without cards and without a map of smudges.
     pub fn new(front: SideFiles, back: SideFiles) -> Self {
-        Self { front, back, cards: Default::default() }
+        Self { front, back, cards: Default::default(), smudges: None }
     }
 }
 
@@ -57,6 +63,8 @@ pub struct DecodedScene {
     pub front: DecodedSide,
     /// Side reflected in the pane.
     pub back: DecodedSide,
+    /// Map of the pane's smudges, if the line has one.
+    pub smudges: Option<Arc<SmudgeMap>>,
     /// Digests of the scene's files.
     pub inputs: InputDigests,
 }
@@ -129,6 +137,10 @@ pub fn read_files_by(
         front: side(&line.front)?,
         back: side(&line.back)?,
         cards: [cards(&line.front)?, cards(&line.back)?],
+        smudges: match line.glass.smudges.as_ref().and_then(Smudges::map) {
+            None => None,
+            Some(map) => Some(named(map)?),
+        },
     })
 }
 
@@ -144,8 +156,9 @@ pub fn load_with(
     cache: &PhotographCache,
 ) -> Result<LoadedScene, LoadError> {
     let decoded = decode_with(line, files, cache)?;
-    let (scene, facts) = assemble(line, decoded.front, decoded.back)?;
-    Ok(LoadedScene { scene, facts, inputs: decoded.inputs })
+    let inputs = decoded.inputs.clone();
+    let (scene, facts) = assemble_decoded(line, decoded)?;
+    Ok(LoadedScene { scene, facts, inputs })
 }
 
 /// Decodes the files: the first half of [`load`], for several scenes of the same photographs. Decodes only the part of
@@ -161,14 +174,15 @@ fn decode_with(
     cache: &PhotographCache,
 ) -> Result<DecodedScene, LoadError> {
     let [front, back] = [&files.front, &files.back].map(Digests::of);
+    let digest = |file: &NamedBytes| blake3::hash(&file.bytes).to_hex().to_string();
     let inputs = front.named("front").chain(back.named("back"));
     let of_cards = ["front", "back"].into_iter().zip(&files.cards).flat_map(|(side, cards)| {
-        (0..).zip(cards).map(move |(index, card)| {
-            let digest = blake3::hash(&card.bytes).to_hex().to_string();
-            (format!("{side}.{}", card_key(index)), digest)
-        })
+        (0..)
+            .zip(cards)
+            .map(move |(index, card)| (format!("{side}.{}", card_key(index)), digest(card)))
     });
-    let inputs = InputDigests(inputs.chain(of_cards).collect());
+    let of_map = files.smudges.iter().map(|map| (SMUDGES_MAP.to_owned(), digest(map)));
+    let inputs = InputDigests(inputs.chain(of_cards).chain(of_map).collect());
     let side = |side: &Side, files, digests, of_cards: &[NamedBytes], sight: &dyn Fn() -> Sight| {
         let side = side.seen_by(&line.camera);
         let cards = side.cards().iter().zip(of_cards);
@@ -181,6 +195,7 @@ fn decode_with(
     Ok(DecodedScene {
         front: side(&line.front, &files.front, &front, of_front, &|| Sight::front(line))?,
         back: side(&line.back, &files.back, &back, of_back, &|| Sight::back(line))?,
+        smudges: files.smudges.as_ref().map(decode_map).transpose()?,
         inputs,
     })
 }

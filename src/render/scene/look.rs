@@ -3,7 +3,7 @@
 //! Refuses no file that a scene can use: if the header is not conclusive, the caller reads the whole file. [`look`]
 //! does not check the pixels (NaN, no valid depth).
 
-use super::{color, depth, mask, panorama};
+use super::{color, depth, mask, panorama, smudges};
 use crate::formats::PictureSize;
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
@@ -28,6 +28,8 @@ pub enum FileRole {
     Mesh,
     /// The picture of a card.
     Card,
+    /// The map of a pane's smudges.
+    Smudges,
 }
 
 /// The beginning and the end of a file.
@@ -69,6 +71,7 @@ pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<Picture
     // The check of a JPEG reads all of its data, so decoding would only cost time.
     if !(is_jpeg && jpeg::check(&file.bytes).is_ok()) {
         match role {
+            FileRole::Smudges => drop(smudges::decode_map(file)?),
             FileRole::Color | FileRole::Panorama => {
                 drop(color::decode(file, Orientation::Stored, Transfer::Linear, [1.0; 3])?);
             }
@@ -85,7 +88,7 @@ pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<Picture
 
 fn size(role: FileRole, file: &NamedBytes, length: u64) -> Result<Option<PictureSize>, SceneError> {
     Ok(match role {
-        FileRole::Color => Some(color::size(file, length)?),
+        FileRole::Color | FileRole::Smudges => Some(color::size(file, length)?),
         FileRole::Card => {
             color::straight_format(file)?;
             Some(color::size(file, length)?)
@@ -263,6 +266,7 @@ mod tests {
         let depth = || depth::decode(file, Orientation::Upright, 1.0);
         match role {
             FileRole::Color => color().is_ok(),
+            FileRole::Smudges => smudges::decode_map(file).is_ok(),
             FileRole::Depth => depth().is_ok(),
             FileRole::Mask => mask::decode(file, Orientation::Upright).is_ok(),
             FileRole::Panorama => color().is_ok_and(|c| is_sphere(c.width, c.height)),
@@ -272,7 +276,7 @@ mod tests {
         }
     }
 
-    const ROLES: [FileRole; 7] = [
+    const ROLES: [FileRole; 8] = [
         FileRole::Color,
         FileRole::Depth,
         FileRole::Mask,
@@ -280,6 +284,7 @@ mod tests {
         FileRole::PanoramaDepth,
         FileRole::Mesh,
         FileRole::Card,
+        FileRole::Smudges,
     ];
 
     const MESH: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\

@@ -6,7 +6,8 @@
 //! bound all points that a ray can hit.
 
 use super::geometry::{
-    BackCamera, bow, film_directions, film_plane, film_reach, layers, roughness, slab, stack,
+    BackCamera, bow, film_directions, film_plane, film_reach, largest_roughness, layers, slab,
+    stack,
 };
 use crate::line::{Focus, FocusAt, GlassLayer, SceneLine};
 use crate::trace::{Bow, Lens, Order, Slab, Stack};
@@ -79,7 +80,7 @@ impl Sight {
             stack: stack(line),
             bow: bow(line),
             aperture_radius_m,
-            scatter: roughness(line)
+            scatter: largest_roughness(line)
                 .map_or(0.0, |alphas| scatter(&layers(line), &alphas, order(0)))
                 + turned(&layers(line), steepest(line), order(0)),
             rotation,

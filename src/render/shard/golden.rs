@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Names of the sets of scenes, and the number of scenes of each: a set contains those of the sets before it. A run keeps the set
 /// of its planning.
-const SETS: [(&str, usize); 2] = [("builtin/5", 19), ("builtin/6", 25)];
+const SETS: [(&str, usize); 3] = [("builtin/5", 19), ("builtin/6", 25), ("builtin/7", 26)];
 
 /// Tracer version of the digests below.
 #[cfg(test)]
@@ -44,6 +44,7 @@ const DIGESTS: &[(&str, &str)] = &[
     ("waved", "a70c6e070840e35a5502a3160826eb1d8e2c2340655678889fa19ee798f9032c"),
     ("framed", "9528fe93caf2a7cb7f47f5d9e8b7401c3717528b6792b02bbde8b8286e59a03a"),
     ("framed-camera", "fc52b28c2d77c2ac9906d2d831eefbd165b7a5f90d875162aa6e8f0d4c2d9654"),
+    ("smudged", "f7e3eab97630008e5106b4d94b5fd04e662c504cdcce7495f4d22373cd720bf3"),
 ];
 
 /// Traces the golden scenes on this machine, which takes one thread tens of milliseconds. Returns one joint digest.

@@ -12,8 +12,8 @@ use crate::line::Apex;
 use crate::scene::{BackCamera, decode_srgb_image};
 use crate::trace::{
     Bow, Card, Coating, Cover, FilmPlane, FilterTable, Grid, Lens, OrderPlan, Outline, Pose,
-    RoughPane, RoughShape, Sampling, Scene, Slab, Stack, StackLayer, StackOptics, Texture, View,
-    Wave,
+    RoughPane, RoughShape, Sampling, Scene, Slab, Smear, Smudges, Stack, StackLayer, StackOptics,
+    Texture, View, Wave,
 };
 use glam::{DMat3, DVec3};
 use std::sync::Arc;
@@ -65,12 +65,14 @@ enum Pane {
     Waved,
     /// Edges with a frame, and a card on either side.
     Framed,
+    /// A rough double pane with smudges.
+    Smudged,
 }
 
 impl Pane {
     /// Returns the layers of a pane that is not plain.
     fn stack(self) -> Option<Stack> {
-        if !matches!(self, Self::Double | Self::Rough | Self::Waved) {
+        if !matches!(self, Self::Double | Self::Rough | Self::Waved | Self::Smudged) {
             return None;
         }
         let layer = |thickness_m, ior| StackLayer { thickness_m, ior, absorption_per_m: [0.0; 3] };
@@ -85,6 +87,25 @@ impl Pane {
         };
         let layers = vec![layer(0.004, 1.52), layer(0.016, 1.0), layer(0.004, 1.5)];
         Some(Stack::new(layers, vec![None, Some(coating), None, None]))
+    }
+
+    /// Returns smudges of random shares, turned against the pane.
+    fn smudges(self) -> Option<Smudges> {
+        let smear = Smear { roughness: 0.05, share: 0.7, transmittance: 0.8 };
+        let shares: Vec<f32> = (0..6 * 5).map(|q| (hash(q, 9) % 256) as f32 / 255.0).collect();
+        let axes = [DVec3::new(0.8, 0.6, 0.0), DVec3::new(-0.6, 0.8, 0.0)];
+        (self == Self::Smudged)
+            .then(|| Smudges::new(smear, (6, &shares), (axes, 0.01, [1.3, 0.4]), true))
+    }
+
+    /// Returns waves that run askew to the film.
+    fn wave(self) -> Option<Wave> {
+        (self == Self::Waved).then_some(Wave {
+            amplitude_m: 2e-4,
+            length_m: 0.08,
+            across_crests: DVec3::new(0.6, 0.8, 0.0),
+            distance_m: 0.3,
+        })
     }
 
     /// Returns the edges of the pane and its cards; cards have a texture of their own and alphas of its red.
@@ -199,12 +220,7 @@ impl Parameters {
         });
         let bow =
             (self.pane == Pane::Bent).then_some(Bow { curvature_per_m: 0.2, distance_m: 0.3 });
-        let wave = (self.pane == Pane::Waved).then_some(Wave {
-            amplitude_m: 2e-4,
-            length_m: 0.08,
-            across_crests: DVec3::new(0.6, 0.8, 0.0),
-            distance_m: 0.3,
-        });
+        let (wave, smudges) = (self.pane.wave(), self.pane.smudges());
         let alphas = [0.01, 0.02, 0.0, 0.01].map(|alpha| if wave.is_some() { 0.0 } else { alpha });
         let rough = layers.filter(|_| self.pane != Pane::Double).map(|layers| {
             let wave = wave.as_ref();
@@ -215,7 +231,14 @@ impl Parameters {
                 DMat3::IDENTITY,
             ];
             let turned = wave.is_some().then_some(turned.as_slice());
-            let shape = RoughShape { slab: &slab, distance_m: 0.3, bow: None, wave, turned };
+            let shape = RoughShape {
+                slab: &slab,
+                distance_m: 0.3,
+                bow: None,
+                wave,
+                turned,
+                smudges: smudges.as_ref(),
+            };
             let (pane, of_paths) =
                 RoughPane::new(&layers, &alphas, shape, between, radiance, tolerance);
             orders = of_paths;
@@ -286,7 +309,7 @@ fn hash(q: usize, salt: u32) -> u32 {
 type Change = fn(&mut Parameters);
 
 /// Names of the scenes and their changes to [`Parameters::new`], in a fixed order.
-const SCENES: [(&str, Change); 25] = [
+const SCENES: [(&str, Change); 26] = [
     // With apex `mirror`, R is in closed form.
     ("mirror", |_| {}),
     ("mirror-gaussian", |w| w.gaussian = true),
@@ -350,6 +373,7 @@ const SCENES: [(&str, Change); 25] = [
         w.pane = Pane::Framed;
         w.from_camera = true;
     }),
+    ("smudged", |w| w.pane = Pane::Smudged),
 ];
 
 /// Makes all golden scenes, in a fixed order.

@@ -32,6 +32,7 @@ use super::bow::Bow;
 use super::lanes::{floor, max, min};
 use super::orders::OrderPlan;
 use super::slab::{Order, Slab};
+use super::smudges::{SmudgeLanes, Smudges};
 use super::stack::{Exit, Stack};
 use super::wave::{Wave, WaveLanes};
 use crate::curve::Curve;
@@ -42,8 +43,9 @@ use paths::Selected;
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoughPane {
     paths: [Vec<RoughPath>; 2],
-    /// The different roughnesses of its faces.
-    alphas: Vec<f32>,
+    /// The different roughnesses of its faces: where they are clean, and under smudges.
+    alphas: Vec<[f32; 2]>,
+    smudges: Option<SmudgeLanes>,
     /// Two directions that span the pane's plane at the pivot, and its normal, which points away from the lens.
     axes: [Vec3; 3],
     /// Distance of the pivot from the lens along the optical axis, m.
@@ -73,6 +75,8 @@ pub struct RoughShape<'a> {
     /// Rotation of each face against the first, about the point of the face on the normal through the pivot; without it, all
     /// are parallel.
     pub turned: Option<&'a [DMat3]>,
+    /// Smudges on the first face.
+    pub smudges: Option<&'a Smudges>,
 }
 
 impl RoughShape<'_> {
@@ -168,7 +172,7 @@ impl Coated {
 }
 
 impl RoughPane {
-    /// Selects the paths of a pane whose faces have the roughness `alphas`, for cosines of incidence between these two, the largest radiances of the front and the back scene, and the film's tolerance.
+    /// Selects the paths of a pane whose clean faces have the roughness `alphas`, for cosines of incidence between these two, the largest radiances of the front and the back scene, and the film's tolerance.
     ///
     /// Panics if the numbers of faces and alphas differ.
     pub fn new(
@@ -180,7 +184,13 @@ impl RoughPane {
         tolerance: f64,
     ) -> (Self, OrderPlan) {
         assert!(alphas.len() == stack.coatings().len(), "every face has a roughness");
-        let sides = paths::select(stack, alphas, cosines, max_radiance, tolerance);
+        let mut of_faces: Vec<[f64; 2]> = alphas.iter().map(|alpha| [*alpha; 2]).collect();
+        if let Some(smudges) = shape.smudges {
+            of_faces[0][1] = smudges.smear().roughness;
+        }
+        let largest: Vec<f64> =
+            of_faces.iter().map(|[clean, smeared]| clean.max(*smeared)).collect();
+        let sides = paths::select(stack, &largest, cosines, max_radiance, tolerance);
         let weights = sides
             .each_ref()
             .map(|(paths, _)| paths.iter().map(|path| path.max_weight).collect::<Vec<f64>>());
@@ -192,30 +202,31 @@ impl RoughPane {
             tolerance,
         );
         let curvature_per_m = shape.bow.map_or(0.0, |bow| bow.curvature_per_m);
-        let mut distinct: Vec<f64> = vec![];
-        for alpha in alphas {
-            if !distinct.contains(alpha) {
-                distinct.push(*alpha);
-            }
-        }
+        let mut distinct: Vec<[f64; 2]> = vec![];
+        let mut number = |of_face: &[f64; 2]| {
+            let found = distinct.iter().position(|other| other == of_face);
+            found.unwrap_or_else(|| {
+                distinct.push(*of_face);
+                distinct.len() - 1
+            })
+        };
+        let numbers: Vec<usize> = of_faces.iter().map(&mut number).collect();
         let normal = shape.slab.normal;
         let across = (DVec3::X - normal * normal.x).normalize();
         let axes = [across, normal.cross(across), normal];
         let faces = shape.faces(axes, alphas.len());
-        let is_smooth = alphas.iter().all(|alpha| *alpha == 0.0);
+        let is_smooth = alphas.iter().all(|alpha| *alpha == 0.0) && shape.smudges.is_none();
         let straight = shape.is_free().then(|| {
-            if !distinct.contains(&0.0) {
-                distinct.push(0.0);
-            }
-            let (smooth, path) = (vec![0.0; alphas.len()], Selected::straight(alphas.len()));
-            RoughPath::new(stack, [&smooth, &distinct], (curvature_per_m, &faces), &path)
+            let smooth = vec![number(&[0.0; 2]); alphas.len()];
+            let path = Selected::straight(alphas.len());
+            RoughPath::new(stack, &smooth, (curvature_per_m, &faces), &path)
         });
-        let prepare = |path: &Selected| {
-            RoughPath::new(stack, [alphas, &distinct], (curvature_per_m, &faces), path)
-        };
+        let prepare =
+            |path: &Selected| RoughPath::new(stack, &numbers, (curvature_per_m, &faces), path);
         let pane = Self {
             paths: [0, 1].map(|side: usize| sides[side].0.iter().map(prepare).collect()),
-            alphas: distinct.iter().map(|alpha| *alpha as f32).collect(),
+            alphas: distinct.iter().map(|alphas| alphas.map(|alpha| alpha as f32)).collect(),
+            smudges: shape.smudges.map(|smudges| smudges.lanes([axes[0], axes[1]])),
             axes: axes.map(DVec3::as_vec3),
             wave: shape.wave.map_or_else(WaveLanes::default, |wave| wave.lanes(axes)),
             has_waves: shape.wave.is_some(),
@@ -251,10 +262,10 @@ impl RoughPane {
 }
 
 impl RoughPath {
-    /// Prepares a path. `alphas` are those of the faces, and `distinct` the different ones.
+    /// Prepares a path. `numbers` are those of the faces' roughnesses.
     fn new(
         stack: &Stack,
-        [alphas, distinct]: [&[f64]; 2],
+        numbers: &[usize],
         (curvature_per_m, faces): (f64, &[[Vec3; 3]]),
         path: &Selected,
     ) -> Self {
@@ -270,7 +281,7 @@ impl RoughPath {
             let crossed = (number > 0).then(|| &stack.layers()[before.min(face)]);
             let of_sphere = |m: f64| 2.0 * m + curvature_per_m * m * m;
             steps.push(Step {
-                roughness: distinct.iter().position(|alpha| *alpha == alphas[face]).unwrap_or(0),
+                roughness: numbers[face],
                 ior: ior.map(|ior| ior as f32),
                 reflects,
                 is_coated: stack.coatings()[face].is_some(),

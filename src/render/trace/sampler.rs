@@ -1,7 +1,7 @@
 //! Owen-scrambled Sobol points as a pure function of (scene seed, pixel, sample index).
 //!
 //! A sample has four coordinates: a pair for the pixel and a pair for the lens; behind rough glass, it has another pair for each face that
-//! its path meets. All pairs use the first two Sobol dimensions, which form a (0,2)-sequence: each aligned power-of-two block of indices puts exactly one point into
+//! its path meets, and one for smudges. All pairs use the first two Sobol dimensions, which form a (0,2)-sequence: each aligned power-of-two block of indices puts exactly one point into
 //! every elementary interval of its size. *Padding* decorrelates the pairs: each pair has its own Owen shuffle of the
 //! index and its own Owen scramble of the values. (A plain xor of the index is not enough: it makes the lens point a
 //! function of the pixel point, and the error stops decreasing at 16 samples.)

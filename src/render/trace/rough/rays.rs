@@ -7,12 +7,16 @@ use super::super::lanes::{CHUNK, LANES, Lane, exp_neg, max, min, neg_ln};
 use super::super::patch::Patch;
 use super::super::sampler::points;
 use super::super::scene::Sampling;
+use super::super::smudges::SmudgeLanes;
 use super::scatter::{LEAST_COS, cross, from_frame, scatter, to_frame};
 use super::{RoughPane, RoughPath, Step};
 use glam::Vec3;
 
 /// Largest square of a facet's coordinates in the unit disc, from which its slopes are drawn: at 1, the slopes are infinite.
 const MOST_OF_DISC: f32 = 1.0 - 1.0 / 16_777_216.0;
+
+/// Number that stands for the smudges in place of that of a meeting, for a sample point of their own.
+pub(super) const SMUDGES: u32 = u32::MAX;
 
 /// Rays of a chunk along one path, after the glass (of the mirrored world, for reflected light).
 pub(in super::super) struct RoughRays {
@@ -24,6 +28,8 @@ pub(in super::super) struct RoughRays {
     /// The chunk's rays at the first face, if they have arrived: points and unit directions, as in [`Travellers`].
     arrival: [[Lane; CHUNK]; 6],
     has_arrived: bool,
+    /// 1 where a ray meets a smudge, else 0.
+    smeared: [Lane; CHUNK],
     /// Directions (x, y, 1) relative to the pixels' centres.
     relative: [[Lane; CHUNK]; 2],
     /// Points in the plane z = 0, m.
@@ -80,6 +86,7 @@ impl RoughRays {
             count: 0,
             arrival: [lanes; 6],
             has_arrived: false,
+            smeared: lanes,
             relative: [lanes; 2],
             point: [lanes; 2],
             weight: [lanes; 3],
@@ -227,7 +234,35 @@ impl RoughRays {
         if pane.has_waves {
             self.arrive_at_waves(pane);
         }
+        match &pane.smudges {
+            Some(smudges) => self.arrive_at_smudges(pane, smudges, rays),
+            None => self.smeared[..self.count].fill([0.0; LANES]),
+        }
         self.has_arrived = true;
+    }
+
+    /// Finds the rays that meet smudges.
+    #[inline(always)]
+    fn arrive_at_smudges(
+        &mut self,
+        pane: &RoughPane,
+        smudges: &SmudgeLanes,
+        rays: &CameraRays<'_>,
+    ) {
+        let seeds = rays.patch.seeds.of_meeting(SMUDGES);
+        let (mut u, mut unused) = ([[0.0; LANES]; CHUNK], [[0.0; LANES]; CHUNK]);
+        let count = self.count;
+        points(rays.sampling, &seeds, 0, self.first, &mut u[..count], &mut unused[..count]);
+        for s in 0..count {
+            for l in 0..LANES {
+                let p = [0, 1, 2].map(|k| self.arrival[k][s][l]);
+                let mut p = Vec3::from_array(p);
+                if pane.curvature_per_m != 0.0 {
+                    p = to_frame(pane.axes, p);
+                }
+                self.smeared[s][l] = f32::from(u8::from(u[s][l] < smudges.share(p)));
+            }
+        }
     }
 
     /// Moves the rays of a pane with waves from the plane of face 0 to the face.
@@ -256,9 +291,9 @@ impl RoughRays {
                 .push((false, Facets { x: lanes, y: lanes, inverse: [[1.0; LANES]; CHUNK] }));
         }
         let (is_ready, facets) = &mut self.facets[index];
-        let alpha = pane.alphas[roughness];
+        let [clean, smeared] = pane.alphas[roughness];
         // The facets of a smooth face are those that `facets` begins with.
-        if *is_ready || alpha == 0.0 {
+        if *is_ready || [clean, smeared] == [0.0; 2] {
             return;
         }
         *is_ready = true;
@@ -270,6 +305,7 @@ impl RoughRays {
                 let (u, v) = concentric_disc(x[s][l], y[s][l]);
                 // The square of the distance from the centre is uniform, and tan^2 = -alpha^2 ln(1 - square).
                 let square = min(u * u + v * v, MOST_OF_DISC);
+                let alpha = if self.smeared[s][l] == 0.0 { clean } else { smeared };
                 let scale = alpha * (neg_ln(1.0 - square) / max(square, 1.0e-30)).sqrt();
                 (x[s][l], y[s][l]) = (u * scale, v * scale);
                 inverse[s][l] = 1.0 / (1.0 + (x[s][l] * x[s][l] + y[s][l] * y[s][l])).sqrt();
@@ -341,6 +377,13 @@ impl RoughRays {
             }
             for l in 0..if constant.is_some() { 0 } else { LANES } {
                 self.weight[c][s][l] *= path.coated.at(c, self.arrival[5][s][l]);
+            }
+            if let Some(smudges) = &pane.smudges {
+                let transmittance = smudges.transmittance[usize::from(!path.is_front)];
+                for l in 0..LANES {
+                    let clean = self.smeared[s][l] == 0.0;
+                    self.weight[c][s][l] *= if clean { 1.0 } else { transmittance };
+                }
             }
         }
     }
