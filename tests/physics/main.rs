@@ -18,6 +18,7 @@ mod invariance;
 mod labels;
 mod mesh;
 mod optics;
+mod pairs;
 mod pixels;
 mod property;
 mod reference;

@@ -34,7 +34,7 @@ impl Smudged {
     }
 
     /// Makes spots of random shares, 4 mm wide.
-    fn spotted(smear: Smear, repeats: bool) -> Self {
+    pub(crate) fn spotted(smear: Smear, repeats: bool) -> Self {
         let shares = (0..9 * 7).map(|q| noise(q % 9, q / 9, 5) as f32).collect();
         Self { smear, size: [9, 7], shares, texel_m: 0.004, pivot: [3.7, 2.2], repeats }
     }

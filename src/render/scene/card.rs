@@ -88,3 +88,50 @@ fn clear(
     // This comparison is false for NaN, so that NaN is refused, too.
     if lowest_m > 0.0 { Ok(()) } else { Err(AssembleError::CardInPane { side, index, lowest_m }) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::line::Apex;
+
+    /// Places a card of 0.5 m, on either side of a pane at 0.3 m that is turned about the vertical.
+    fn placed(is_back: bool, distance_m: f64, x_m: f64, yaw_deg: f64) -> Result<(), String> {
+        let card = format!(
+            r#"{{"color":"c.png","distance_m":{distance_m},"center_m":[{x_m},0],"width_m":0.5}}"#
+        );
+        let lines = [serde_json::from_str(&card).unwrap()];
+        let pictures = [Arc::new(Texture::from_vec(2, 1, vec![[1.0; 4]; 2]))];
+        let normal = Slab::tilted_normal([0.0, yaw_deg]);
+        let slab = Slab {
+            normal,
+            plane_distance_m: 0.3 * normal.z,
+            thickness_m: 0.01,
+            ior: 1.5,
+            absorption_per_m: [0.0; 3],
+        };
+        let camera = BackCamera::new(Apex::Mirror, &slab);
+        let cards = if is_back {
+            back_cards(&lines, &pictures, &slab, &camera)
+        } else {
+            front_cards(&lines, &pictures, &slab)
+        };
+        cards.map(|_| ()).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn cards_stay_on_their_side_of_the_pane() {
+        placed(false, 0.32, 0.0, 0.0).unwrap();
+        placed(false, 0.5, 0.0, 30.0).unwrap();
+        placed(true, 0.01, 0.0, 30.0).unwrap();
+        // At x = -0.25, a pane with a yaw of 30 degrees is 0.144 m farther away; at x = 1, it is 0.58 m nearer.
+        for (is_back, distance_m, x_m, yaw_deg, message) in [
+            (false, 0.305, 0.0, 0.0, "front.cards[0] reaches 0.005 m beyond the pane"),
+            (false, 0.4, 0.0, 30.0, "front.cards[0] reaches 0.048 m beyond the pane"),
+            (true, 0.1, 0.75, 30.0, "back.cards[0] reaches 0.154 m beyond the pane"),
+        ] {
+            let error = placed(is_back, distance_m, x_m, yaw_deg).unwrap_err();
+            assert!(error.starts_with(message), "{error}");
+            assert!(error.contains("increase its distance_m, move or shrink it, or reduce"));
+        }
+    }
+}
