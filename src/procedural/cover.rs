@@ -166,12 +166,20 @@ fn photographer(canvas: &mut Canvas, stream: &mut Stream) {
     let middle = 0.5 * CoverKind::Photographer.aspect() + stream.range(-0.03, 0.03);
     let (skin, cloth, hair) = {
         let tone = stream.range(0.25, 0.85);
-        let grey = stream.range(0.05, 0.6);
-        ([tone, tone * 0.8, tone * 0.68], tint(stream, grey, 0.3), tint(stream, 0.15, 0.15))
+        let (grey, brown) = (stream.range(0.05, 0.6), stream.range(0.06, 0.4));
+        let hair = [brown, brown * 0.78, brown * 0.6];
+        ([tone, tone * 0.8, tone * 0.68], tint(stream, grey, 0.3), hair)
     };
     let (seed, head_y) = (stream.seed(), stream.range(0.16, 0.2));
     let (width, shoulder_y) = (stream.range(0.15, 0.2), head_y + stream.range(0.17, 0.2));
     let reach = stream.range(0.24, 0.33);
+    // Long hair falls behind the shoulders.
+    let long = if stream.chance(0.4) { stream.range(0.12, 0.24) } else { 0.0 };
+    if long > 0.0 {
+        canvas.fill(hair, seed + 4, |at| {
+            rounded(at, [middle, head_y + 0.5 * long - 0.02], [0.095, 0.5 * long + 0.06], 0.07)
+        });
+    }
     // Torso and arms.
     canvas.fill(cloth, seed, |at| {
         let torso = rounded(at, [middle, shoulder_y + 0.45], [width, 0.5], 0.09);
@@ -192,10 +200,9 @@ fn photographer(canvas: &mut Canvas, stream: &mut Stream) {
     }
     // Head, hair and what it holds before the face.
     canvas.fill(skin, seed + 3, |at| ellipse(at, [middle, head_y], [0.07, 0.095]));
-    let long = if stream.chance(0.4) { stream.range(0.06, 0.12) } else { 0.0 };
     canvas.fill(hair, seed + 4, |at| {
-        let cap = ellipse(at, [middle, head_y - 0.035 + 0.5 * long], [0.082, 0.085 + long]);
-        let face = ellipse(at, [middle, head_y + 0.03], [0.06, 0.085]);
+        let cap = ellipse(at, [middle, head_y - 0.035], [0.082, 0.085]);
+        let face = ellipse(at, [middle, head_y + 0.03], [0.062, 0.085]);
         cap.max(-face)
     });
     let case = tint(stream, 0.08, 0.06);
@@ -289,7 +296,7 @@ mod tests {
 
     /// First 16 digits of the BLAKE3 digest of a picture of each kind.
     const DIGESTS: [&str; 4] =
-        ["6e8d2d74000d319c", "d4f173509863846b", "0b0cb2d2e87893f9", "59b0844ebb70c5cc"];
+        ["ff9af122e2944a98", "d4f173509863846b", "0b0cb2d2e87893f9", "59b0844ebb70c5cc"];
 
     #[test]
     fn pictures_are_pinned() {
