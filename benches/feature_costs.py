@@ -2,9 +2,9 @@
 """Measures the cost of each feature: CPU seconds of a scene with it over those of a plain scene, as a Markdown table.
 
     cargo build --release
-    benches/feature_costs.py [--rounds 5] [--only NAME] [--glasshouse FILE] [--against OTHER_BUILD]
+    benches/feature_costs.py [--rounds 5] [--spp 256] [--only NAME] [--glasshouse FILE] [--against OTHER_BUILD]
 
-The plain scene has two procedural photographs of 1024 x 768 px (`glasshouse sample`), 256 x 256 px, 256 samples, the
+The plain scene has two procedural photographs of 1024 x 768 px (`glasshouse sample`), 256 x 256 px, --spp samples, the
 paper's lens and pane, and apex `mirror`. Each row changes only the setting in its name. Every round renders all rows
 once, with one thread; figures are medians of the rounds:
 
@@ -144,7 +144,7 @@ def write_card(path: Path) -> None:
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
 
 
-def scene_line(folder: Path, color: list[str], changes: dict) -> dict:
+def scene_line(folder: Path, color: list[str], spp: int, changes: dict) -> dict:
     """Returns the plain scene with `changes`."""
 
     def photograph(path: str) -> dict:
@@ -156,7 +156,7 @@ def scene_line(folder: Path, color: list[str], changes: dict) -> dict:
         "schema": "glasshouse.scene/1",
         "id": "scene",
         "seed": 1,
-        "film": {"width": 256, "height": 256, "spp": 256},
+        "film": {"width": 256, "height": 256, "spp": spp},
         "camera": {"focal_length_mm": 55.0, "aperture_radius_m": 0.00893, "focus": {"at": "front_center"}},
         "glass": {"distance_m": 0.3, "thickness_m": 0.01, "ior": 1.6},
         "front": photograph(color[0]),
@@ -182,6 +182,7 @@ def main() -> None:
     root = Path(__file__).resolve().parent.parent
     parser.add_argument("--glasshouse", type=Path, default=root / "target/release/glasshouse")
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--spp", type=int, default=256, help="samples per pixel")
     parser.add_argument("--only", action="append", default=[], help="rows with this text in their name (repeatable)")
     parser.add_argument("--against", type=Path, help="another build of the program")
     args = parser.parse_args()
@@ -200,7 +201,7 @@ def main() -> None:
         used: list[list[float]] = [[] for _ in rows]
         write_card(folder / "card.png")
         for k, (_, changes, _) in enumerate(rows):
-            (folder / f"{k}.json").write_text(json.dumps(scene_line(folder, color, changes)))
+            (folder / f"{k}.json").write_text(json.dumps(scene_line(folder, color, args.spp, changes)))
         for turn in range(args.rounds + 1):
             # Each round begins with a different row, so that no row always runs first.
             for k in [(turn + k) % len(rows) for k in range(len(rows))]:
