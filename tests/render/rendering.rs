@@ -2,7 +2,7 @@
 
 use crate::support::outputs::{assert_same, exr_channels, files, read_json, tuples};
 use crate::support::program::{run, text};
-use crate::support::scenes::{photographs, place, reference, scene};
+use crate::support::scenes::{photographs, place, reference, scene, write_lines};
 use exr::prelude::f16;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -131,4 +131,43 @@ fn errors_name_the_scene_file() {
     std::fs::write(&path, bad.to_string()).unwrap();
     render().expect(4).says(&["scene.json", "nowhere.npy"]);
     assert!(!out.exists());
+}
+
+/// The map of a pane's smudges is an input of the scene like its photographs: below a root, with a digest, and a reason for
+/// quarantine if it cannot be used.
+#[test]
+fn a_map_of_smudges_is_an_input() {
+    let folder = tempfile::tempdir().unwrap();
+    photographs(folder.path());
+    let map = folder.path().join("map.png");
+    let grey = image::GrayImage::from_fn(8, 4, |x, _| image::Luma([if x < 4 { 0 } else { 255 }]));
+    grey.save(&map).unwrap();
+    let with_map = |id: &str, map: &str| {
+        let mut line = scene(id);
+        line["glass"]["smudges"] = serde_json::json!({
+            "map": map, "center_m": [0.0, 0.0], "width_m": 0.5, "roughness": 0.02, "transmittance": 0.0,
+        });
+        line
+    };
+    let manifest = folder.path().join("manifest.jsonl");
+    let lines = [scene("clean"), with_map("map", "map.png"), with_map("none", "no.png")];
+    write_lines(&manifest, &lines);
+    let out = folder.path().join("run");
+    run(&["run", text(&manifest), "--out", text(&out)]).expect(3).says(&["none", "no.png"]);
+    let record = |id: &str| read_json(out.join("tuples").join(id).join("tuple.json"));
+    let digest = blake3::hash(&std::fs::read(&map).unwrap()).to_hex().to_string();
+    assert_eq!(record("map")["inputs"]["glass.smudges.map"], digest.as_str());
+    assert_eq!(record("map")["scene"]["glass"]["smudges"]["map"], "manifest:map.png");
+    assert!(record("clean")["inputs"].get("glass.smudges.map").is_none());
+    // The opaque right half hides both sides; the left half is clean.
+    let input = |id: &str| image::open(out.join("tuples").join(id).join("input.png")).unwrap();
+    let [clean, smeared] = ["clean", "map"].map(|id| input(id).into_rgb8());
+    let (width, y) = (clean.width(), clean.height() / 2);
+    assert_eq!(smeared.get_pixel(width - 1, y).0, [0; 3]);
+    assert_ne!(clean.get_pixel(width - 1, y).0, [0; 3]);
+    let near = |x: u32| {
+        let pixels = [&clean, &smeared].map(|picture| picture.get_pixel(x, y).0);
+        (0..3).all(|c| pixels[0][c].abs_diff(pixels[1][c]) <= 2)
+    };
+    assert!(near(0));
 }
