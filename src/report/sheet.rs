@@ -253,8 +253,16 @@ fn layers(glass: &Glass) -> String {
     if let Some(radius_m) = glass.bow_radius_m {
         let _ = write!(text, ", bent to {} m", number(radius_m));
     }
-    if glass.outline.is_some() {
-        text.push_str(", framed");
+    let is_wedged = glass.layers.iter().any(|layer| layer.wedge_deg() != [0.0; 2]);
+    for (is_given, word) in [
+        (glass.wave.is_some(), "waved"),
+        (is_wedged, "wedged"),
+        (glass.smudges.is_some(), "smudged"),
+        (glass.outline.is_some(), "framed"),
+    ] {
+        if is_given {
+            let _ = write!(text, ", {word}");
+        }
     }
     text
 }
@@ -279,4 +287,25 @@ fn brightened(mut picture: RgbImage, encoder: &SrgbEncoder) -> RgbImage {
         *value = codes[usize::from(*value)];
     }
     picture
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pane_is_described_by_all_that_it_has() {
+        let of = |glass: &str| layers(&serde_json::from_str(glass).unwrap());
+        assert_eq!(of(r#"{"distance_m":1,"thickness_m":0.004,"ior":1.5}"#), "4 mm thick");
+        let rough = r#"{"distance_m":1,"thickness_m":0.004,"ior":1.5,"roughness":0.02,"bow_radius_m":-5,
+            "outline":{"x_m":[0,1],"y_m":[0,1]}}"#;
+        assert_eq!(of(rough), "4 mm thick, rough 0.02, bent to -5 m, framed");
+        let unit = r#"{"distance_m":1,"glazing":"double","layers":[{"glass_m":0.004,"ior":1.5},
+            {"gap_m":0.016,"wedge_deg":[0,0.1]},{"glass_m":0.006,"ior":1.5}],
+            "coatings":[{"face":1,"reflectance":[0,0,0],"transmittance":[1,1,1]}],
+            "wave":{"amplitude_m":0.0001,"length_m":0.3},
+            "smudges":{"seed":1,"coverage":0.2,"mark_m":0.05}}"#;
+        let expected = "double, of layers of 4-16-6 mm, face 1 coated, waved, wedged, smudged";
+        assert_eq!(of(unit), expected);
+    }
 }
