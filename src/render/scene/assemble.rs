@@ -164,8 +164,8 @@ fn rough_pane(
     brightest: [f64; 2],
 ) -> Option<(RoughPane, OrderPlan)> {
     let layers = layers(line);
-    let is_smooth = shape.is_free() || shape.smudges.is_some();
-    let smooth = || is_smooth.then(|| vec![0.0; layers.coatings().len()]);
+    let has_paths = shape.is_free() || shape.smudges.is_some();
+    let smooth = || has_paths.then(|| vec![0.0; layers.coatings().len()]);
     let alphas = roughness(line).or_else(smooth)?;
     Some(RoughPane::new(&layers, &alphas, shape, between, brightest, line.film.order_tolerance))
 }

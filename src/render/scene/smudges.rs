@@ -73,8 +73,8 @@ const MARKS: u32 = 8;
 /// Number of octaves of noise: the finest has marks of eight texels.
 const OCTAVES: u32 = 4;
 
-/// Makes the pattern of marks: value noise, of which the largest values cover a share of `coverage`. They rise from 0 to 1 over the
-/// outer half of the covered area.
+/// Makes the pattern of marks from value noise: marks are the texels with the largest values, a share `coverage` of all. Over
+/// the outer half of this area, the pattern rises from 0 to 1.
 fn marks(seed: u64, coverage: f64) -> SmudgeMap {
     let mut heights = vec![0.0f32; (TEXELS * TEXELS) as usize];
     for octave in 0..OCTAVES {
