@@ -6,9 +6,10 @@
 
 #![allow(clippy::print_stdout, reason = "examples show their results")]
 
+use compose::write_tuple;
 use render::job::{SceneJob, render_partials};
 use render::line::{Roots, parse_scene};
-use render::merge::{combine, write_tuple};
+use render::merge::combine;
 use render::scene::{load, read_files};
 use render::shard::ShardLayout;
 use render::trace::Isa;

@@ -32,6 +32,8 @@ mod outputs;
 // Data sets for other programs.
 pub mod export;
 
+pub mod develop;
+
 // Reports, checks and benchmarks.
 mod text;
 

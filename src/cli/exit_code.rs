@@ -160,6 +160,11 @@ exit_codes! {
         Foreign => Disagrees,
         Moved | Write | Read | Damaged | Encode => Failed,
     }
+    crate::develop::DevelopError {
+        (Store | Run) => its_own,
+        Foreign => Disagrees,
+        Threads | Write | Read | Damaged | NoInput | Encode => Failed,
+    }
     crate::outputs::OutputsError {
         (Write) => its_own,
         _ => Usage,

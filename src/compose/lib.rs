@@ -21,13 +21,17 @@
 //! Only `index`, `outputs`, `pairs` and `picture` access files.
 
 mod align;
+mod blur;
 mod bootstrap;
+mod camera;
 mod code_sums;
 mod composition;
+mod curve;
 mod error;
 mod factor;
 mod fit;
 mod index;
+mod jpeg;
 mod lanczos;
 mod layout;
 mod markdown;
@@ -36,7 +40,9 @@ mod outputs;
 mod pairs;
 mod per_image;
 mod picture;
+mod quantiles;
 mod random;
+mod resample;
 mod run;
 mod score;
 mod seeds;
@@ -44,14 +50,16 @@ mod ssim;
 mod subject;
 mod summary;
 mod table;
+mod tuple_files;
 mod veil;
 
 pub use align::{MAX_ALIGNED_SHIFT_PX, Shift, shift_px};
 pub use bootstrap::Interval;
+pub use camera::{Shot, encode_dng, matrix_inverse, matrix_product};
 pub use composition::{
     Camera, ComposedExample, Composition, CompositionError, Cut, Draw, DrawnCamera, DrawnExposure,
-    DrawnStrength, DrawnZhang, Exposure, LUMINANCE, Layer, Layering, LinearExample, LinearTuple,
-    LogNormal, Mixtures, PercentileExposure, Side, Strength, TupleLayers, srgb_code,
+    DrawnSensor, DrawnStrength, DrawnZhang, Exposure, LUMINANCE, Layer, Layering, LinearExample,
+    LinearTuple, LogNormal, Mixtures, PercentileExposure, Side, Strength, TupleLayers, srgb_code,
 };
 pub use error::EvaluateError;
 pub use factor::{Factor, own_best_factor};
@@ -64,6 +72,7 @@ pub use outputs::OutputFolder;
 pub use pairs::{Found, Pair, find_pairs};
 pub use per_image::{Row, per_image_csv};
 pub use picture::{decode_picture, read_photo, read_picture};
+pub use quantiles::tukey_deviation;
 pub use random::Stream;
 pub use run::{Scored, Setting, run};
 pub use score::{Scores, psnr_colour_db, score};
@@ -72,6 +81,7 @@ pub use ssim::ssim_grey;
 pub use subject::{LeftOut, Subject, Unread, WithTruth, read_sized};
 pub use summary::{ALL, INPUT, MethodSummary, Summary, groups, summaries};
 pub use table::{Protocol, means_tables};
+pub use tuple_files::{encode_photograph, encode_tuple, encode_tuple_image, write_tuple};
 pub use veil::VeilRule;
 
 #[cfg(test)]

@@ -8,10 +8,11 @@ use crate::run::{
 };
 use crate::store::Store;
 use bytes::Bytes;
+use compose::{encode_tuple, write_tuple};
 use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::line::SceneLine;
-use render::merge::{MergeError, Tuple, combine, encode_tuple, write_tuple};
+use render::merge::{MergeError, Tuple, combine};
 use render::partial;
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! `{ choice = [..], weights = [..] }`: a list of alternatives, from which each scene draws one.
 
-use serde::Deserialize;
 use serde::de::{self, MapAccess};
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// True for the keys with which the table of a choice may begin.
@@ -10,11 +10,13 @@ pub(super) fn is_key(key: &str) -> bool {
 }
 
 /// Alternatives with their relative probabilities.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Choice<T> {
     /// One or more alternatives.
+    #[serde(rename = "choice")]
     pub values: Vec<T>,
     /// One number for each alternative: finite, at least 0, not all 0. Without them, all are equally likely.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub weights: Option<Vec<f64>>,
 }
 

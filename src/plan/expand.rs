@@ -98,6 +98,7 @@ pub(super) fn draw_line(
         glass: recipe.glass.draw(first),
         front,
         back,
+        sensor: recipe.sensor.as_ref().map(|sensor| sensor.draw(first)),
     };
     let cover = recipe.cover.as_ref().map(|recipe| SceneCover {
         recipe,

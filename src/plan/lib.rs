@@ -4,6 +4,7 @@
 //! recipe, source, param, choice, focus, glass, light, train_recipe, training   the TOML file
 //! recipe_check, source_check, glass_check, cover_check, training_check, recipe_schema   its rules
 //! glazing                                         the named panes of glazings.toml
+//! sensor, sensor_model, sensor_check, one_of      the camera of the photographs, and the sensors of sensors.toml
 //! cover, cover_draw                               what stands in the way of the window
 //! diode, places, list                             list the photographs of a source
 //! split -> pair -> assign                         photographs to splits, pairs and scenes; substitutes for excluded ones
@@ -44,6 +45,7 @@ mod glazing_tests;
 mod inputs;
 mod light;
 mod list;
+mod one_of;
 mod pair;
 mod param;
 mod places;
@@ -57,6 +59,12 @@ mod recipe_schema;
 mod request;
 mod rooting;
 mod sections;
+mod sensor;
+mod sensor_check;
+mod sensor_file;
+mod sensor_model;
+#[cfg(test)]
+mod sensor_tests;
 mod source;
 mod source_check;
 mod source_values;
@@ -80,6 +88,9 @@ pub use recipe::{RECIPE_SCHEMA, Recipe};
 pub use recipe_error::{CoverError, RecipeError, RefusedDraw};
 pub use recipe_schema::recipe_schema;
 pub use request::{DraftError, Progress, Request};
+pub use sensor::SensorRecipe;
+pub use sensor_file::SensorFile;
+pub use sensor_model::{NoiseModel, SensorModel, SensorModels, sensor_models};
 pub use train_recipe::{
     SeededTraining, TrainRecipe, Trainings, check_training_name, name_without_seed,
 };

@@ -4,12 +4,12 @@ use super::choice::{Choice, is_key};
 use super::draw::normal_cdf;
 use render::line::limits::Limit;
 use schemars::JsonSchema;
-use serde::Deserialize;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
+use serde::{Deserialize, Serialize, Serializer};
 use std::fmt;
 
 /// Names of all parameters that a recipe may have, as `Recipe::params` returns them.
-pub(crate) const PARAMETERS: [&str; 68] = [
+pub(crate) const PARAMETERS: [&str; 84] = [
     "film.width",
     "film.height",
     "film.spp",
@@ -72,6 +72,22 @@ pub(crate) const PARAMETERS: [&str; 68] = [
     "cover.frame.view_y[1]",
     "cover.frame.frame_m",
     "cover.frame.frame_radiance",
+    "sensor.exposure.factor",
+    "sensor.exposure.percentile",
+    "sensor.exposure.level",
+    "sensor.gain_dn_per_e",
+    "sensor.full_well_e",
+    "sensor.blur_px",
+    "sensor.white_balance_error[0]",
+    "sensor.white_balance_error[1]",
+    "sensor.white_balance_error[2]",
+    "sensor.gamma",
+    "sensor.s_curve",
+    "sensor.filmic",
+    "sensor.scale",
+    "sensor.sharpen",
+    "sensor.sharpen_px",
+    "sensor.jpeg_quality",
     "front.exposure",
     "front.exposure_ev",
     "front.illuminant_k",
@@ -98,7 +114,7 @@ pub enum Param {
 }
 
 /// A normal distribution, truncated (not clamped) to values from `min` to `max`.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Normal {
     /// Mean before truncation.
@@ -225,6 +241,19 @@ impl fmt::Display for Param {
     }
 }
 
+impl Serialize for Param {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Constant(value) => serializer.serialize_f64(*value),
+            Self::Uniform(ends) => serializer.collect_map([("uniform", ends)]),
+            Self::LogUniform(ends) => serializer.collect_map([("log_uniform", ends)]),
+            Self::Normal(normal) => serializer.collect_map([("normal", normal)]),
+            Self::Choice(choice) => choice.serialize(serializer),
+            Self::FromSource => serializer.serialize_str("from_source"),
+        }
+    }
+}
+
 impl<'de> Deserialize<'de> for Param {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_any(ParamVisitor)
@@ -330,6 +359,10 @@ mod tests {
         let weights = Some(vec![1.0, 0.5]);
         assert_eq!(weighted, Param::Choice(Choice { values: vec![3.0, 1.0], weights }));
         assert_eq!(parse("{ weights = [1, 0.5], choice = [3, 1] }").unwrap(), weighted);
+        for param in [weighted.clone(), normal, Param::Constant(2.0), Param::FromSource] {
+            let text = serde_json::to_string(&param).unwrap();
+            assert_eq!(serde_json::from_str::<Param>(&text).unwrap(), param, "{text}");
+        }
         assert_eq!(weighted.to_string(), "choice of [3.0, 1.0] with weights [1.0, 0.5]");
     }
 

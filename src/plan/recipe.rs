@@ -7,6 +7,7 @@ use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBa
 use super::param::Param;
 use super::places::depth_root;
 use super::recipe_error::RecipeError;
+use super::sensor::SensorRecipe;
 use super::source::{Layout, Source};
 use super::train_recipe::Trainings;
 use render::line::{Apex, ExrPrecision, Film, Filter, LayerSet, ReflectionOrders, Roots, Split};
@@ -49,6 +50,8 @@ pub struct Recipe {
     /// Luminance scale, white balance and exposure.
     #[serde(default)]
     pub light: LightRecipe,
+    /// The camera of the photographs. Default none: no photographs.
+    pub sensor: Option<SensorRecipe>,
     /// Bounds of accepted scenes. Default none.
     pub reject: Option<RejectRecipe>,
     /// Sets of photographs by name. The name is also the name of the root of their paths.
@@ -60,7 +63,7 @@ pub struct Recipe {
     pub train: Option<Trainings>,
 }
 
-fn default_seed() -> u64 {
+pub(super) fn default_seed() -> u64 {
     2020
 }
 
@@ -239,6 +242,7 @@ impl Recipe {
         }
         params.extend(self.glass.params());
         params.extend(self.cover.iter().flat_map(CoverRecipe::params));
+        params.extend(self.sensor.iter().flat_map(SensorRecipe::params));
         for (name, light) in [("front", self.front.light()), ("back", self.back.light())] {
             params.push((format!("{name}.exposure"), light.exposure));
             for (key, param) in
@@ -296,6 +300,7 @@ impl Recipe {
 pub(super) mod tests {
     use super::super::cover::{FrameRecipe, PhotographerRecipe, ScreenRecipe};
     use super::super::glass::{OutlineRecipe, SmudgeRecipe, WaveRecipe};
+    use super::super::sensor::ExposureRecipe;
     use super::*;
     use render::line::{DepthKind, Intrinsics};
 
@@ -369,8 +374,19 @@ pairs = { diode = 120, places = 80 }
         });
         recipe.camera.f_number = Some(Param::Constant(4.0));
         recipe.camera.focus = FocusRecipe::DistanceM(Param::Constant(2.0));
-        let names: std::collections::BTreeSet<_> =
-            recipe.params().into_iter().map(|(name, _)| name).collect();
+        let one = || Param::Constant(1.0);
+        let metered = SensorRecipe {
+            gain_dn_per_e: Some(one()),
+            full_well_e: Some(one()),
+            ..SensorRecipe::default()
+        };
+        let exposure = ExposureRecipe::Factor { factor: one() };
+        let fixed = SensorRecipe { exposure, ..metered.clone() };
+        let mut names = std::collections::BTreeSet::new();
+        for sensor in [metered, fixed] {
+            recipe.sensor = Some(sensor);
+            names.extend(recipe.params().into_iter().map(|(name, _)| name));
+        }
         assert_eq!(names, super::super::param::PARAMETERS.map(str::to_owned).into());
     }
 

@@ -10,6 +10,7 @@ use super::source::Layout;
 use super::train_recipe::TrainRecipe;
 use super::training::{FeatureSource, NetworkKind, ScheduleKind};
 use render::ids::SceneId;
+use render::layer::Layer;
 use render::line::{is_root_name, limits::limit_of};
 use std::collections::BTreeMap;
 
@@ -127,6 +128,12 @@ impl Recipe {
         }
         self.glass.check()?;
         self.check_cover()?;
+        if let Some(sensor) = &self.sensor {
+            if !self.film.layers.asked()[Layer::Input] {
+                return bad("sensor", "photographs the input, but film.layers lacks it: add input");
+            }
+            sensor.check()?;
+        }
         self.check_reject()
     }
 

@@ -2,8 +2,11 @@
 
 use super::focus::FocusRecipe;
 use super::glazing::{GlazingRecipe, glazings};
+use super::one_of::OneOf;
 use super::param::{Normal, Param};
 use super::recipe::{RECIPE_SCHEMA, Recipe};
+use super::sensor::SensorName;
+use super::sensor_model::sensor_models;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::Value;
 use std::borrow::Cow;
@@ -90,6 +93,28 @@ impl JsonSchema for GlazingRecipe {
             "description": "The name of a glazing of docs/glass.md, or a choice of names.",
             "anyOf": [names, choice_of(&names)],
         })
+    }
+}
+
+impl JsonSchema for SensorName {
+    fn schema_name() -> Cow<'static, str> {
+        "SensorName".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let names: Vec<&String> = sensor_models().by_name.keys().collect();
+        json_schema!({ "description": "The name of a sensor of docs/camera.md.", "enum": names })
+    }
+}
+
+impl<T: JsonSchema> JsonSchema for OneOf<T> {
+    fn schema_name() -> Cow<'static, str> {
+        format!("OneOf{}", T::schema_name()).into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let one = generator.subschema_for::<T>();
+        json_schema!({ "description": "A name, or a choice of names.", "anyOf": [one, choice_of(&one)] })
     }
 }
 

@@ -1,5 +1,6 @@
 //! `[train]` of a recipe: all settings that change the result of training.
 
+use super::sensor::SensorRecipe;
 use compose::Composition;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -216,6 +217,10 @@ pub struct TrainSettings {
     pub examples: ExampleKind,
     /// Distributions of composed examples and of mixtures of tuples; the other kinds ignore them.
     pub composition: Composition,
+    /// The camera of composed examples and of mixtures, with the keys of a recipe's `[sensor]`, in place of
+    /// `composition.camera`. Each example draws its numbers. Its exposure is used only if that of `composition` is `of_tuple`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<SensorRecipe>,
     /// Files of a tuple that contain the pixels.
     pub pixels: PixelSource,
     /// Share of steps with real photographs, from 0 to 1.
@@ -262,6 +267,7 @@ impl Default for TrainSettings {
             scenes: 0,
             examples: ExampleKind::Rendered,
             composition: Composition::default(),
+            sensor: None,
             pixels: PixelSource::Exr,
             real_share: 0.0,
             follow: false,

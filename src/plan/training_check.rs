@@ -57,6 +57,16 @@ impl TrainSettings {
         if self.examples.is_composed() && self.pixels == PixelSource::Png {
             return refuse("pixels", "png".to_owned(), "exr for examples composed in linear light");
         }
+        if let Some(sensor) = &self.sensor {
+            if !self.examples.is_composed() {
+                let value = "given".to_owned();
+                return refuse("sensor", value, "left out unless examples are composed");
+            }
+            if let Err(error) = sensor.check_numbers() {
+                let expected = "a table that a recipe's [sensor] may have";
+                return refuse("sensor", format!("wrong ({error})"), expected);
+            }
+        }
         Ok(self.composition.validate()?)
     }
 

@@ -21,7 +21,11 @@ impl ExampleSampler {
         let seed = self.settings.seed;
         let mut numbers = Stream::new(seed, &format!("composition {position}"));
         let mut noise = Stream::new(seed, &format!("camera noise {position}"));
-        let draw = Draw::new(&self.settings.composition, &mut numbers);
+        let mut draw = Draw::new(&self.settings.composition, &mut numbers);
+        if let Some(sensor) = &self.settings.sensor {
+            let drawn = sensor.draw_for(seed, &format!("example {position}"));
+            draw = draw.with_sensor(drawn, noise.bits());
+        }
         let front = self.side(front, draw.front_scale, stream)?;
         let layering = match self.settings.examples {
             ExampleKind::LinearMixtures => Layering::LinearMixture,

@@ -20,6 +20,7 @@ mod kill;
 mod late;
 mod many;
 mod merging;
+mod photographs;
 mod planning;
 mod poison;
 mod processes;

@@ -1,13 +1,13 @@
 //! Makes the first step of the shipped weights' training again: plans the recipe, renders only the scenes of the step, and
 //! compares the model with the digest that the training left.
 
+use compose::encode_tuple;
 use glasshouse::{plan, render};
 use plan::{LocalFiles, ProceduralInput, Recipe, Request, TrainSettings, make_inputs};
 use render::Loaded;
 use render::color::SrgbEncoder;
 use render::ids::SceneId;
 use render::line::{Roots, SceneLine, Split};
-use render::merge::encode_tuple;
 use render::scene::read_files;
 use render::shard::scene_digest;
 use render::trace::Isa;

@@ -2,12 +2,13 @@
 
 use crate::bench::BenchError;
 use crate::run::{Run, keys};
+use compose::encode_tuple;
 use rayon::prelude::*;
 use render::atomic_file::{create_dir, write_relaxed};
 use render::color::SrgbEncoder;
 use render::job::SceneJob;
 use render::line::SceneLine;
-use render::merge::{combine, encode_tuple};
+use render::merge::combine;
 use render::partial;
 use render::scene::{load, read_files};
 use render::trace::Isa;

@@ -5,6 +5,7 @@ mod bench;
 mod completions;
 mod control;
 mod coordinate;
+mod develop;
 mod doctor;
 #[cfg(feature = "train")]
 mod evaluate;
@@ -216,6 +217,16 @@ Examples:
   glasshouse export runs/smoke --format imagefolder --out smoke-imagefolder --split train
   glasshouse export runs/smoke --format pairs --encoding srgb16 --out smoke-pairs --json")]
     Export(export::ExportArgs),
+    /// Photograph a run's tuples by another camera, without tracing them again; resumes
+    #[command(after_help = "\
+Writes DIR/SCENE/photo.jpg (the input behind the camera), photo_transmission.png and photo_glass_reflection.png (the same
+camera's decisions, without noise), raw.dng where the sensor has `raw = true`, and photograph.json, with all drawn numbers.
+docs/camera.md has the model, the keys of [sensor] and the calibrated sensors.
+
+Examples:
+  glasshouse develop runs/smoke --sensor phone.toml --out phone    # phone.toml: [sensor] and camera = \"imx686\"
+  glasshouse develop runs/smoke --sensor phone.toml --out phone --split test --json")]
+    Develop(develop::DevelopArgs),
     /// Write report/index.html: the whole run on one self-contained page
     #[command(after_help = "\
 The page shows counts, a contact sheet of up to 32 tuples with noise maps, stated errors and their cost,
@@ -305,6 +316,7 @@ impl Args {
             #[cfg(feature = "train")]
             Command::Similarity(args) => similarity::run(args, global, output),
             Command::Export(args) => export::run(args, global, output),
+            Command::Develop(args) => develop::run(args, global, output),
             Command::Report(args) => report::run(args, global, output),
             Command::Schema => Ok(schema::run(output)),
             Command::Bench(args) => bench::run(args, global, output),

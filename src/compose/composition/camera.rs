@@ -1,11 +1,11 @@
 //! A simple camera: blur, noise, curve, 8 bits and JPEG.
 
-use super::blur::blur;
-use super::curve::Curve;
 use super::draw::DrawnCamera;
 use super::example::{ComposedExample, LinearExample};
-use super::jpeg::{of_rgb8, through_jpeg, to_rgb8};
 use super::noise::add_noise;
+use crate::blur::blur;
+use crate::curve::Curve;
+use crate::jpeg::{of_rgb8, through_jpeg, to_rgb8};
 use crate::random::Stream;
 use image::ImageResult;
 
@@ -25,7 +25,7 @@ impl DrawnCamera {
     ) -> ImageResult<ComposedExample> {
         let side = linear.side_px;
         for layer in [&mut linear.input, &mut linear.transmission, &mut linear.glass_reflection] {
-            blur(layer, side, self.blur_px);
+            blur(layer, [side; 2], self.blur_px);
         }
         add_noise(&mut linear.input, self.shot_noise as f32, self.read_noise as f32, noise);
         let curve = Curve::new(self.gamma, self.s_curve);

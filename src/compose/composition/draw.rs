@@ -1,6 +1,7 @@
 //! The numbers of one example, drawn from the settings' distributions.
 
 use super::mixture::DrawnZhang;
+use super::sensor::DrawnSensor;
 use super::settings::{Camera, Composition, Exposure, LogNormal, Strength};
 use crate::random::Stream;
 
@@ -32,6 +33,8 @@ pub struct Draw {
     pub rough_px: f64,
     /// `None` for layers coded in sRGB.
     pub camera: Option<DrawnCamera>,
+    /// A calibrated sensor in place of `camera`: [`Draw::with_sensor`].
+    pub sensor: Option<DrawnSensor>,
 }
 
 /// Mean luminance of the reflection over that of the front.
@@ -124,6 +127,7 @@ impl Draw {
             cover: is_partial.then_some(cover),
             rough_px: if is_rough { rough_px } else { 0.0 },
             camera: settings.camera.enabled.then_some(camera),
+            sensor: None,
         }
     }
 
@@ -137,6 +141,7 @@ impl Draw {
             && self.cover.is_none()
             && self.rough_px == 0.0
             && self.camera.is_none()
+            && self.sensor.is_none()
     }
 }
 

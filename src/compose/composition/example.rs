@@ -1,13 +1,13 @@
 //! One example: a F_i + b R~_j in linear light, its exposure, and its targets.
 
 use super::Cut;
-use super::blur::blur;
 use super::camera::without_camera;
 use super::code::srgb_code;
 use super::cover::cover;
 use super::draw::{Draw, DrawnStrength};
 use super::layers::{LinearTuple, channel_means, luminance};
 use super::mixture::{add_codes, blur_codes};
+use crate::blur::blur;
 use crate::random::Stream;
 use image::ImageResult;
 
@@ -100,6 +100,12 @@ impl Draw {
         {
             return Ok(front.stored());
         }
+        if let Some(sensor) = &self.sensor {
+            let crop_px = front.cut.size.min(other.map_or(usize::MAX, |side| side.cut.size));
+            let film_px = sensor.film_px(side_px, crop_px);
+            let linear = self.linear(layering, front, other, film_px);
+            return sensor.develop(linear, side_px, self.exposure.is_none());
+        }
         let linear = self.linear(layering, front, other, side_px);
         match &self.camera {
             None => Ok(without_camera(linear)),
@@ -121,14 +127,14 @@ impl Draw {
             let clean = back.tuple.clean_reflection.as_ref();
             let clean = clean.map(|layer| back.layer(layer, side_px));
             let mut reflection = back.layer(&back.tuple.glass_reflection, side_px);
-            blur(&mut reflection, side_px, self.rough_px);
+            blur(&mut reflection, [side_px; 2], self.rough_px);
             (front.tuple.crop_front(front.cut, side_px), reflection, clean)
         } else {
             let share = self.transmitted as f32;
             let ahead = transmission.iter().map(|value| value * share).collect();
             let clean = back.layer(&back.tuple.transmission, side_px);
             let mut reflection = clean.clone();
-            let blur = |planes: &mut [f32]| blur(planes, side_px, self.mixture_blur_px);
+            let blur = |planes: &mut [f32]| blur(planes, [side_px; 2], self.mixture_blur_px);
             if layering == Layering::CeilnetMixture {
                 blur_codes(&mut reflection, blur);
             } else {

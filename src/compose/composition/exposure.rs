@@ -24,14 +24,14 @@ impl DrawnExposure {
 
 /// Returns the percentile, from 0 to 100, of the pixels' brightest channels: the value of the nearest rank.
 pub(super) fn percentile_of(planes: &[f32], percentile: f64) -> f32 {
+    render::merge::percentile(brightest(planes), percentile)
+}
+
+/// Iterates over the brightest channels of all pixels; 0 in place of negative ones.
+pub(crate) fn brightest(planes: &[f32]) -> impl Iterator<Item = f32> {
     let pixels = planes.len() / 3;
     let [red, green, blue] = [0, 1, 2].map(|channel| &planes[channel * pixels..][..pixels]);
-    let brightest = red.iter().zip(green).zip(blue).map(|((r, g), b)| r.max(*g).max(*b).max(0.0));
-    // The bits of numbers that are not negative have the order of the numbers.
-    let mut bits: Vec<u32> = brightest.map(f32::to_bits).collect();
-    let rank = (percentile / 100.0 * (pixels - 1) as f64).round() as usize;
-    let (_, value, _) = bits.select_nth_unstable(rank);
-    f32::from_bits(*value)
+    red.iter().zip(green).zip(blue).map(|((r, g), b)| r.max(*g).max(*b).max(0.0))
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The linear layers of a tuple in memory, as `tuple.exr` stores them.
 
 use super::Cut;
-use super::resample::resample;
+use crate::resample::resample;
 use exr::prelude::f16;
 
 /// Shares of red, green and blue in luminance (IEC 61966-2-1).
@@ -157,14 +157,14 @@ impl LinearTuple {
     /// Returns a crop of a layer, scaled down to `size_px` if it is larger.
     pub(super) fn crop(&self, layer: &Layer, cut: Cut, size_px: usize) -> Vec<f32> {
         let planes = layer.cut(self.rows, self.columns, cut);
-        if cut.size == size_px { planes } else { resample(&planes, cut.size, size_px) }
+        if cut.size == size_px { planes } else { resample(&planes, [cut.size; 2], [size_px; 2]) }
     }
 
     /// Returns a crop of F = I - R~ in f32. F + R~ is I, bit for bit, unless R~ exceeds 8,192 I.
     pub(super) fn crop_front(&self, cut: Cut, size_px: usize) -> Vec<f32> {
         let mut front = self.input.cut(self.rows, self.columns, cut);
         subtract(&mut front, &self.glass_reflection.cut(self.rows, self.columns, cut));
-        if cut.size == size_px { front } else { resample(&front, cut.size, size_px) }
+        if cut.size == size_px { front } else { resample(&front, [cut.size; 2], [size_px; 2]) }
     }
 }
 

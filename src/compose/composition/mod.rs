@@ -13,29 +13,28 @@
 //! Examples are functions of the settings, the tuples and two streams of random numbers; no result depends on the
 //! machine. All loops have a fixed order, and curves come from tables that `libm` computes.
 
-mod blur;
 mod camera;
 mod code;
 mod cover;
-mod curve;
 mod cut;
 mod draw;
 mod example;
 mod exposure;
-mod jpeg;
 mod layers;
 mod mixture;
 mod noise;
 mod power;
-mod resample;
+mod sensor;
 mod settings;
 
 pub use code::srgb_code;
 pub use cut::Cut;
 pub use draw::{Draw, DrawnCamera, DrawnExposure, DrawnStrength};
 pub use example::{ComposedExample, Layering, LinearExample, Side};
+pub(crate) use exposure::brightest;
 pub use layers::{LUMINANCE, Layer, LinearTuple, TupleLayers};
 pub use mixture::DrawnZhang;
+pub use sensor::DrawnSensor;
 pub use settings::{
     Camera, Composition, CompositionError, Exposure, LogNormal, Mixtures, PercentileExposure,
     Strength,

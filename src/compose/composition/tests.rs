@@ -383,3 +383,82 @@ fn bits_do_not_change() {
     assert_eq!(found, ["083c87d02ce2e322", "4b30e446c5928d78"]);
     assert_eq!(digest(0.0, [zhang, ceilnet]), "8e94d5c7bb629c81");
 }
+
+fn sensor(scale: f64) -> render::line::Sensor {
+    serde_json::from_str(&format!(
+        r#"{{"exposure":{{"percentile":99,"level":0.9}},"blur_px":0.4,"gain_dn_per_e":2,"bits":12,"black_level_dn":64,
+            "read_noise_dn":3,"read_noise_lambda":0.1,"row_noise_dn":0.5,"white_balance":[2,1,1.5],
+            "colour_matrix":[[1.6,-0.4,-0.2],[-0.2,1.5,-0.3],[0,-0.5,1.5]],"scale":{scale},"sharpen":0.3,"jpeg_quality":85,
+            "jpeg_subsampling":"4:2:0"}}"#
+    ))
+    .unwrap()
+}
+
+/// With everything else off, an example of one tuple has the codes of the photographs that its merge writes.
+#[test]
+fn a_sensor_gives_the_photographs_of_the_tuple() {
+    let (tuple, sensor) = (tuple(3), sensor(1.0));
+    let off = draw(&Composition::off(), 1).with_sensor(sensor.clone(), 77);
+    let made = example(&off, Layering::Rendered, whole(&tuple), None);
+    let planes = |layer: &Layer| tuple.crop(layer, whole(&tuple).cut, SIDE);
+    let pixels = |layer: &Layer| -> Vec<[f32; 3]> {
+        let planes = planes(layer);
+        (0..SIDE * SIDE).map(|k| [0, 1, 2].map(|c| planes[c * SIDE * SIDE + k])).collect()
+    };
+    let input = pixels(&tuple.input);
+    let factor = render::merge::PhotographRecord::new(sensor.exposure, &input).exposure_factor;
+    let size = [SIDE as u32; 2];
+    for (name, layer, codes) in [
+        ("photo.jpg", &tuple.input, &made.input),
+        ("photo_transmission.png", &tuple.transmission, &made.transmission),
+        ("photo_glass_reflection.png", &tuple.glass_reflection, &made.glass_reflection),
+    ] {
+        let file = crate::encode_photograph(name, &pixels(layer), size, &sensor, factor, 77);
+        let picture = image::load_from_memory(&file.unwrap()).unwrap().to_rgb8();
+        assert_eq!(crate::jpeg::to_rgb8(codes), picture.into_raw(), "{name}");
+    }
+}
+
+/// A sensor changes neither strengths nor composition, and takes the exposure of `composition`.
+#[test]
+fn a_sensor_photographs_composed_examples() {
+    let (front, back) = (tuple(5), tuple(6));
+    for layering in LAYERINGS {
+        let settings = Composition::default();
+        let drawn = draw(&settings, 9).with_sensor(sensor(1.0), 3);
+        let plain = Draw { camera: None, sensor: None, ..drawn.clone() };
+        let linear = plain.linear(layering, whole(&front), Some(whole(&back)), SIDE);
+        let made = example(&drawn, layering, whole(&front), Some(whole(&back)));
+        let again = example(&drawn, layering, whole(&front), Some(whole(&back)));
+        assert_eq!(made, again);
+        let noiseless =
+            crate::Shot::with_factor(&drawn.sensor.as_ref().unwrap().sensor, [SIDE; 2], 1.0);
+        assert_eq!(made.transmission, noiseless.noiseless(&linear.transmission));
+        assert_eq!(made.glass_reflection, noiseless.noiseless(&linear.glass_reflection));
+        let clean = noiseless.noiseless(&linear.input);
+        let error: f64 =
+            made.input.iter().zip(&clean).map(|(a, b)| f64::from((a - b).powi(2))).sum();
+        let rms = (error / clean.len() as f64).sqrt();
+        assert!((0.002..0.08).contains(&rms), "noise and JPEG: {rms}");
+        let other = drawn.clone().with_sensor(sensor(1.0), 4);
+        assert_ne!(example(&other, layering, whole(&front), Some(whole(&back))).input, made.input);
+    }
+}
+
+/// Photographs that are smaller than the film show the same part of the tuple, with less noise.
+#[test]
+fn a_sensor_scales_its_photographs() {
+    let tuple = tuple(8);
+    let half = draw(&Composition::off(), 1).with_sensor(sensor(0.5), 2);
+    assert_eq!((half.front_scale, half.reflection_scale), (2.0, 2.0));
+    let small =
+        half.example(Layering::Rendered, whole(&tuple), None, SIDE / 2, &mut Stream::new(1, "n"));
+    let small = small.unwrap();
+    let full = draw(&Composition::off(), 1).with_sensor(sensor(1.0), 2);
+    let full = example(&full, Layering::Rendered, whole(&tuple), None);
+    assert_eq!((small.side_px, small.input.len()), (SIDE / 2, 3 * SIDE * SIDE / 4));
+    let reduced = crate::resample::resample(&full.transmission, [SIDE; 2], [SIDE / 2; 2]);
+    let worst =
+        small.transmission.iter().zip(&reduced).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst < 0.05, "{worst}");
+}

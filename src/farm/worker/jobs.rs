@@ -4,10 +4,11 @@ use super::tasks::TaskId;
 use crate::farm::FarmError;
 use crate::farm::tuples::encode_noise;
 use crate::run::{AccessError, Makers, Task};
+use compose::encode_tuple_image;
 use render::color::SrgbEncoder;
 use render::job::SceneJob;
 use render::line::SceneLine;
-use render::merge::{Tuple, encode_tuple_image, encode_tuple_record, tuple_images};
+use render::merge::{Tuple, encode_tuple_record, tuple_images};
 use render::scene::{LoadError, SceneFiles};
 use std::sync::{Arc, Mutex};
 

@@ -80,6 +80,17 @@ pub enum LineError {
     RowsOfCoating { field: String, found: usize, angles: usize },
     #[error("{field} must ascend from 0 to 90, with at most 91 angles")]
     AnglesOfCoating { field: String },
+    #[error(
+        "sensor.black_level_dn is {black_level_dn}, but must be below the largest number of {bits} bits"
+    )]
+    BlackLevel { black_level_dn: u32, bits: u32 },
+    #[error("sensor photographs the input, but film.layers lacks it: add input, or remove sensor")]
+    SensorWithoutInput,
+    #[error(
+        "the rows of sensor.colour_matrix must have the sum 1 (to 1e-3), so that neutral light stays neutral, and its \
+         determinant must not be near 0"
+    )]
+    ColourMatrix,
     /// A coating that makes light.
     #[error("{field} plus the transmittance is {sum}, but must be at most 1")]
     Light { field: String, sum: f64 },

@@ -89,7 +89,9 @@ fn row(key: &str) -> Option<Limit> {
         "glass.ior" | "layers.ior" => Limit::between(1.0, 10.0, "1 to 10"),
         "coatings.reflectance" | "coatings.reflectance_back" | "coatings.transmittance" => SHARE,
         "smudges.coverage" | "smudges.haze" | "smudges.transmittance" => SHARE,
-        "smudges.mark_m" | "smudges.width_m" => ABOVE_0,
+        // Smaller marks exceed the precision of the tracer's texel coordinates.
+        "smudges.mark_m" => Limit::between(0.001, 1000.0, "0.001 to 1000 m"),
+        "smudges.width_m" => ABOVE_0,
         "smudges.center_m" => FINITE,
         "glass.roughness" | "smudges.roughness" => Limit::between(0.0, 0.1, "0 to 0.1"),
         "glass.bow_radius_m" | "outline.x_m" | "outline.y_m" | "cards.center_m" => FINITE,
@@ -113,6 +115,33 @@ fn row(key: &str) -> Option<Limit> {
         "depth_m" => RELATIVE_DEPTH_M,
         "yaw_deg" => Limit::between(-360.0, 360.0, "-360 to 360 degrees"),
         "pitch_deg" => Limit::between(-90.0, 90.0, "-90 to 90 degrees"),
+        _ => return key.strip_prefix("sensor.").and_then(row_of_sensor),
+    })
+}
+
+/// Returns the limit of the row `sensor.KEY`, if any.
+#[allow(clippy::match_same_arms, reason = "an arm per group of keys is easier to scan")]
+fn row_of_sensor(key: &str) -> Option<Limit> {
+    Some(match key {
+        "exposure.factor" | "exposure.level" => Limit::between(1e-6, 1e6, "1e-6 to 1e6"),
+        "exposure.percentile" => PERCENTILE,
+        "blur_px" => Limit::between(0.0, 20.0, "0 to 20 px"),
+        "gain_dn_per_e" => Limit::between(1e-4, 1e4, "1e-4 to 1e4 DN per electron"),
+        "full_well_e" => Limit::between(1.0, 1e9, "1 to 1e9 electrons"),
+        "bits" => Limit::between(8.0, 16.0, "8 to 16").on(Grid::Whole),
+        "black_level_dn" => Limit::between(0.0, 65_534.0, "0 to 65534 DN").on(Grid::Whole),
+        "read_noise_dn" | "row_noise_dn" => Limit::between(0.0, 1e4, "0 to 10000 DN"),
+        // The variance is infinite from -0.5 downwards, and the distribution is bounded above 0.5.
+        "read_noise_lambda" => Limit::between(-0.4, 0.5, "-0.4 to 0.5"),
+        "white_balance" | "white_balance_error" => Limit::between(0.1, 10.0, "0.1 to 10"),
+        "colour_matrix" => Limit::between(-10.0, 10.0, "-10 to 10"),
+        "tone.gamma" | "gamma" => Limit::between(0.2, 5.0, "0.2 to 5"),
+        "tone.s_curve" | "s_curve" => Limit::between(-0.9, 0.9, "-0.9 to 0.9"),
+        "tone.filmic" | "filmic" => Limit::between(0.01, 100.0, "0.01 to 100"),
+        "scale" => Limit::between(0.05, 1.0, "0.05 to 1"),
+        "sharpen" => Limit::between(0.0, 5.0, "0 to 5"),
+        "sharpen_px" => Limit::between(0.1, 20.0, "0.1 to 20 px"),
+        "jpeg_quality" => Limit::between(1.0, 100.0, "1 to 100").on(Grid::Whole),
         _ => return None,
     })
 }

@@ -4,6 +4,7 @@
 //! scene_line -> side -> photograph, panorama -> image, highlights, depth_range   the line's types
 //! glass, coating, roughness, wave, smudges, outline   the pane, its layers, faces and edges
 //! card         flat pictures on a side
+//! sensor       camera of the photographs
 //! layers       images to render               side_json, jsonl   sides and manifests as text
 //! roots        resolution of paths            validate, limits   checks of each field
 //! ```
@@ -41,6 +42,7 @@ mod published;
 mod roots;
 mod roughness;
 mod scene_line;
+mod sensor;
 mod side;
 mod side_json;
 mod smudges;
@@ -62,6 +64,7 @@ pub use photograph::Photograph;
 pub use roots::{RootError, Roots, is_root_name, is_url};
 pub use roughness::Roughness;
 pub use scene_line::*;
+pub use sensor::{Mosaic, SENSOR_VERSION, Sensor, SensorExposure, Subsampling, Tone};
 pub(crate) use side::card_key;
 pub use side::{MeshFile, MeshPose, Side};
 pub use smudges::{SmudgePattern, Smudges};

@@ -3,6 +3,7 @@
 use super::glass::Glass;
 use super::image::{is_default, is_one, is_white, one, white};
 use super::layers::LayerSet;
+use super::sensor::Sensor;
 use super::side::Side;
 use super::smudges::Smudges;
 use crate::ids::SceneId;
@@ -65,6 +66,9 @@ pub struct SceneLine {
     pub front: Side,
     /// The side reflected in the pane.
     pub back: Side,
+    /// The camera of the photographs of the layers; no photographs if missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<Sensor>,
 }
 
 /// Key of the picture of a pane's smudges.

@@ -195,7 +195,7 @@ mod tests {
                 MARKS.replace("0.3", "1.5") + "}",
                 "glass.smudges.coverage is 1.5, but must be 0 to 1",
             ),
-            (MARKS.replace("0.05", "0") + "}", "glass.smudges.mark_m is 0, but must be finite and"),
+            (MARKS.replace("0.05", "0") + "}", "glass.smudges.mark_m is 0, but must be 0.001 to"),
             (MAP.replace("s.png", "") + "}", "glass.smudges.map is empty"),
             (MAP.replace("0.5", "-1") + "}", "glass.smudges.width_m is -1, but must be finite and"),
             (

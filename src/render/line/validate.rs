@@ -8,8 +8,10 @@ use super::glass::{Glass, GlassLayer};
 use super::panorama::{PanoramaDepth, PanoramaFile};
 use super::photograph::Photograph;
 use super::scene_line::{Focus, SCENE_SCHEMA, SceneLine};
+use super::sensor::Sensor;
 use super::side::{MeshFile, Side};
 use super::smudges::Smudges;
+use crate::layer::Layer;
 
 impl SceneLine {
     /// Checks each field. [`crate::scene::check_geometry`] checks pane, lens and film together.
@@ -66,7 +68,10 @@ impl SceneLine {
         if self.front.apex().is_some() {
             return Err(LineError::ApexOfFront);
         }
-        Ok(())
+        if self.sensor.is_some() && !film.layers.asked()[Layer::Input] {
+            return Err(LineError::SensorWithoutInput);
+        }
+        self.sensor.as_ref().map_or(Ok(()), Sensor::check)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::moves::{Moves, SMOOTH, SMOOTH_OF_STOPPED};
 use super::noise::NoiseMap;
+use super::photographs::PhotographRecord;
 use super::tuple::{LabelRecord, LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, layer_digest};
 use super::write::{halved, is_half};
 use crate::label::{Label, LabelImages, reflected_share};
@@ -196,11 +197,17 @@ impl Combined {
             base: "../..".to_owned(),
             layers: records,
             labels: labels.iter().map(of_label).collect(),
+            photographs: None,
             facts: first.header.facts.clone(),
             inputs: first.header.inputs.clone(),
             scene: line.clone(),
         };
-        Tuple { width, height, layers: self.layers, labels, record, noise }
+        let mut tuple = Tuple { width, height, layers: self.layers, labels, record, noise };
+        if let Some(sensor) = &line.sensor {
+            let metered = PhotographRecord::new(sensor.exposure, &tuple.stored(Layer::Input));
+            tuple.record.photographs = Some(metered);
+        }
+        tuple
     }
 }
 

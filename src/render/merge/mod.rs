@@ -20,16 +20,20 @@
 mod combine;
 mod moves;
 mod noise;
+mod photographs;
 mod read;
 mod tuple;
 mod write;
 
 pub use combine::{MergeError, combine};
 pub use noise::NoiseMap;
+pub use photographs::{
+    PHOTO, PhotographRecord, RAW, metered_factor, percentile, photographed_layer, photographs,
+};
 pub use read::{check_png, decode_tuple_exr, decode_tuple_labels};
 pub use tuple::{LabelRecord, LayerRecord, TUPLE_SCHEMA, TUPLE_SCHEMA_1, Tuple, TupleRecord};
 pub use write::{
-    TupleWriteError, encode_png, encode_png16, encode_tuple, encode_tuple_exr, encode_tuple_image,
-    encode_tuple_record, encode_tuple_record_1, is_readable_record_of, is_record_of, is_written,
-    tuple_files, tuple_images, write_tuple,
+    TupleWriteError, encode_layer_image, encode_png, encode_png16, encode_rgb8_png,
+    encode_tuple_exr, encode_tuple_record, encode_tuple_record_1, is_readable_record_of,
+    is_record_of, is_written, tuple_files, tuple_images,
 };

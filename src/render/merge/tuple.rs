@@ -1,6 +1,7 @@
 //! A tuple: the images of a scene, up to four, and their provenance.
 
 use super::noise::NoiseMap;
+use super::photographs::PhotographRecord;
 use super::write::tuple_images;
 use crate::formats::exr_labels::label_precision;
 use crate::label::{Label, LabelImages};
@@ -57,6 +58,9 @@ pub struct TupleRecord {
     /// Statistics of each requested label by its name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub labels: BTreeMap<String, LabelRecord>,
+    /// Version and exposure of the photographs, if the scene has a sensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub photographs: Option<PhotographRecord>,
     /// Facts from loading the scene, such as focus, orders and dropped tail.
     pub facts: SceneFacts,
     /// Digests of the input files.
@@ -86,6 +90,11 @@ impl TupleRecord {
         let labels = self.scene.film.layers.labels();
         if let Some(label) = labels.iter().find(|label| !self.labels.contains_key(label.name())) {
             return Err(format!("`labels` lacks the scene's label {label}"));
+        }
+        if self.scene.sensor.is_some() != self.photographs.is_some() {
+            return Err(
+                "`photographs` must be given if and only if the scene has a sensor".to_owned()
+            );
         }
         let is_name = |name: &&String| !name.contains(['/', '\\']);
         if let Some(name) = self.files.keys().find(|name| !is_name(name)) {

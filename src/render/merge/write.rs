@@ -1,7 +1,8 @@
-//! Writes a tuple: `tuple.exr`, the layers' PNGs, and `tuple.json` last, so that its presence implies the others.
+//! Encodes `tuple.exr`, the layers' PNGs, and `tuple.json`.
 
+use super::photographs::photographs;
 use super::tuple::{TUPLE_SCHEMA_1, Tuple, TupleRecord, file_digest};
-use crate::atomic_file::{self, WriteError};
+use crate::atomic_file::WriteError;
 use crate::color::{SrgbEncoder, linear_to_srgb16};
 use crate::formats::exr_labels::label_channels;
 use crate::formats::exr_write::{HALF_MAX, channel, encode_exr};
@@ -24,8 +25,15 @@ pub fn tuple_files(line: &SceneLine) -> Vec<String> {
     names
 }
 
-/// Returns the names of a tuple's files except for its record.
+/// Returns the names of a tuple's files except for its record: `tuple.exr`, a PNG of each layer, and the photographs.
 pub fn tuple_images(line: &SceneLine) -> Vec<String> {
+    let mut names = layer_images(line);
+    names.extend(photographs(line).into_iter().map(str::to_owned));
+    names
+}
+
+/// Returns the names of `tuple.exr` and of the layers' PNGs.
+fn layer_images(line: &SceneLine) -> Vec<String> {
     let pngs = line.film.layers.names().map(|name| format!("{name}.png"));
     std::iter::once("tuple.exr".to_owned()).chain(pngs).collect()
 }
@@ -39,8 +47,11 @@ pub enum TupleWriteError {
     Encode { name: String, reason: String },
 }
 
-fn encode_error(name: &str, reason: &dyn std::fmt::Display) -> TupleWriteError {
-    TupleWriteError::Encode { name: name.to_owned(), reason: reason.to_string() }
+impl TupleWriteError {
+    /// Makes the error of a file that cannot be encoded.
+    pub fn encode(name: &str, reason: &dyn std::fmt::Display) -> Self {
+        Self::Encode { name: name.to_owned(), reason: reason.to_string() }
+    }
 }
 
 /// True if the folder contains the complete tuple of this scene line, made by this version of the tracer.
@@ -52,7 +63,7 @@ pub fn is_written(folder: &Path, line: &SceneLine) -> bool {
         && tuple_files(line).iter().all(|name| folder.join(name).is_file())
 }
 
-/// True if the bytes are the `tuple.json` of this scene line, made by this version of the tracer.
+/// True if the bytes are the `tuple.json` of this scene line, made by this version of the tracer and any of the camera.
 pub fn is_record_of(bytes: &[u8], line: &SceneLine, tracer_version: u32) -> bool {
     let record: Result<TupleRecord, _> = serde_json::from_slice(bytes);
     record.is_ok_and(|r| {
@@ -65,45 +76,22 @@ pub fn is_readable_record_of(bytes: &[u8], line: &SceneLine) -> bool {
     (1..=TRACER_VERSION).any(|version| is_record_of(bytes, line, version))
 }
 
-/// Writes the tuple's files into `folder`, durably.
-pub fn write_tuple(tuple: &Tuple, folder: &Path) -> Result<(), TupleWriteError> {
-    let files = encode_tuple(tuple, &SrgbEncoder::new())?;
-    atomic_file::create_dir(folder)?;
-    for (name, bytes) in files {
-        atomic_file::write(&folder.join(name), &bytes)?;
-    }
-    Ok(())
-}
-
-/// Encodes a tuple's [`tuple_files`]. Returns names and bytes in the order of writing.
-pub fn encode_tuple(
-    tuple: &Tuple,
-    encoder: &SrgbEncoder,
-) -> Result<Vec<(String, Vec<u8>)>, TupleWriteError> {
-    let mut files = Vec::new();
-    for name in tuple_images(&tuple.record.scene) {
-        let bytes = encode_tuple_image(tuple, encoder, &name)?;
-        files.push((name, bytes));
-    }
-    files.push(encode_tuple_record(&tuple.record, &files)?);
-    Ok(files)
-}
-
-/// Encodes one of a tuple's [`tuple_images`].
-pub fn encode_tuple_image(
+/// Encodes `tuple.exr` or the PNG of a layer. The crate `compose` encodes the photographs.
+pub fn encode_layer_image(
     tuple: &Tuple,
     encoder: &SrgbEncoder,
     name: &str,
 ) -> Result<Vec<u8>, TupleWriteError> {
     if name == "tuple.exr" {
-        return encode_tuple_exr(tuple).map_err(|e| encode_error(name, &e));
+        return encode_tuple_exr(tuple).map_err(|e| TupleWriteError::encode(name, &e));
     }
     let stem = name.strip_suffix(".png").unwrap_or(name);
     let (_, pixels) = tuple
         .made()
         .find(|(layer, _)| layer.name() == stem)
-        .ok_or_else(|| encode_error(name, &"the tuple has no such layer"))?;
-    encode_png(encoder, pixels, tuple.width, tuple.height).map_err(|e| encode_error(name, &e))
+        .ok_or_else(|| TupleWriteError::encode(name, &"the tuple has no such layer"))?;
+    encode_png(encoder, pixels, tuple.width, tuple.height)
+        .map_err(|e| TupleWriteError::encode(name, &e))
 }
 
 /// Encodes `tuple.json` with the digests of the tuple's `images`. Returns its name and bytes.
@@ -123,7 +111,8 @@ pub fn encode_tuple_record_1(record: &TupleRecord) -> Result<Vec<u8>, TupleWrite
 }
 
 fn record_bytes(record: &TupleRecord) -> Result<Vec<u8>, TupleWriteError> {
-    let mut json = serde_json::to_string_pretty(record).map_err(|e| encode_error(RECORD, &e))?;
+    let mut json =
+        serde_json::to_string_pretty(record).map_err(|e| TupleWriteError::encode(RECORD, &e))?;
     json.push('\n');
     Ok(json.into_bytes())
 }
@@ -136,7 +125,7 @@ pub fn encode_png(
     height: u32,
 ) -> Result<Vec<u8>, image::ImageError> {
     let bytes: Vec<u8> = pixels.as_flattened().iter().map(|&v| encoder.encode(v)).collect();
-    png(&bytes, [width, height], ExtendedColorType::Rgb8)
+    encode_rgb8_png(&bytes, [width, height])
 }
 
 /// Encodes a layer as 16-bit sRGB PNG. Clips values above 1.
@@ -149,6 +138,11 @@ pub fn encode_png16(
     // The encoder converts the native byte order to that of PNG.
     let bytes: Vec<u8> = values.flat_map(|&v| linear_to_srgb16(v).to_ne_bytes()).collect();
     png(&bytes, [width, height], ExtendedColorType::Rgb16)
+}
+
+/// Encodes 8-bit RGB as PNG.
+pub fn encode_rgb8_png(rgb: &[u8], size: [u32; 2]) -> Result<Vec<u8>, image::ImageError> {
+    png(rgb, size, ExtendedColorType::Rgb8)
 }
 
 fn png(

@@ -2,10 +2,12 @@
 
 use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
 use image::{ExtendedColorType, ImageDecoder, ImageResult};
+use jpeg_encoder::{ColorType, Encoder, EncodingError, SamplingFactor};
+use render::line::Subsampling;
 use std::io::Cursor;
 
 /// Returns the codes of square planes as 8-bit RGB. Codes must lie in [0, 1].
-pub(super) fn to_rgb8(planes: &[f32]) -> Vec<u8> {
+pub(crate) fn to_rgb8(planes: &[f32]) -> Vec<u8> {
     let pixels = planes.len() / 3;
     let mut bytes = vec![0; planes.len()];
     for (channel, plane) in planes.chunks_exact(pixels.max(1)).enumerate() {
@@ -18,7 +20,7 @@ pub(super) fn to_rgb8(planes: &[f32]) -> Vec<u8> {
 }
 
 /// Inverts [`to_rgb8`].
-pub(super) fn of_rgb8(bytes: &[u8], planes: &mut [f32]) {
+pub(crate) fn of_rgb8(bytes: &[u8], planes: &mut [f32]) {
     let pixels = planes.len() / 3;
     for (channel, plane) in planes.chunks_exact_mut(pixels.max(1)).enumerate() {
         for (out, pixel) in plane.iter_mut().zip(bytes.chunks_exact(3)) {
@@ -27,15 +29,39 @@ pub(super) fn of_rgb8(bytes: &[u8], planes: &mut [f32]) {
     }
 }
 
-/// Encodes and decodes a square picture of `side` px at a quality from 1 to 100.
-pub(super) fn through_jpeg(rgb: &[u8], side: usize, quality: u8) -> ImageResult<Vec<u8>> {
+/// Encodes a picture of a size, px, as baseline JPEG with a quality from 1 to 100.
+pub(crate) fn encode_jpeg(
+    rgb: &[u8],
+    [width, height]: [usize; 2],
+    quality: u8,
+    subsampling: Subsampling,
+) -> Result<Vec<u8>, EncodingError> {
+    let side = |px: usize| u16::try_from(px).expect("a film has at most 16,384 px a side");
     let mut file = Vec::with_capacity(rgb.len() / 4);
-    let mut encoder = JpegEncoder::new_with_quality(&mut file, quality);
-    encoder.encode(rgb, side as u32, side as u32, ExtendedColorType::Rgb8)?;
-    let decoder = JpegDecoder::new(Cursor::new(&file))?;
+    let mut encoder = Encoder::new(&mut file, quality);
+    encoder.set_sampling_factor(match subsampling {
+        Subsampling::Full => SamplingFactor::F_1_1,
+        Subsampling::HalfColumns => SamplingFactor::F_2_1,
+        Subsampling::Half => SamplingFactor::F_2_2,
+    });
+    encoder.encode(rgb, side(width), side(height), ColorType::Rgb)?;
+    Ok(file)
+}
+
+/// Decodes a JPEG to 8-bit RGB.
+pub(crate) fn decode_jpeg(file: &[u8]) -> ImageResult<Vec<u8>> {
+    let decoder = JpegDecoder::new(Cursor::new(file))?;
     let mut decoded = vec![0; decoder.total_bytes() as usize];
     decoder.read_image(&mut decoded)?;
     Ok(decoded)
+}
+
+/// Encodes and decodes a square picture of `side` px at a quality from 1 to 100.
+pub(crate) fn through_jpeg(rgb: &[u8], side: usize, quality: u8) -> ImageResult<Vec<u8>> {
+    let mut file = Vec::with_capacity(rgb.len() / 4);
+    let mut encoder = JpegEncoder::new_with_quality(&mut file, quality);
+    encoder.encode(rgb, side as u32, side as u32, ExtendedColorType::Rgb8)?;
+    decode_jpeg(&file)
 }
 
 #[cfg(test)]

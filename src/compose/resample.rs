@@ -6,24 +6,25 @@ struct Taps {
     weights: Vec<f32>,
 }
 
-/// Scales square planes with a side of `from` px down to `to` px. `to` must not exceed `from`.
-pub(super) fn resample(planes: &[f32], from: usize, to: usize) -> Vec<f32> {
-    let taps = taps(from, to);
-    let mut out = Vec::with_capacity(planes.len() / from / from * to * to);
-    let mut narrow = Vec::with_capacity(from * to);
-    for plane in planes.chunks_exact(from * from) {
+/// Scales planes of the size `from`, px, down to the size `to`, which must not exceed `from`.
+pub(crate) fn resample(planes: &[f32], from: [usize; 2], to: [usize; 2]) -> Vec<f32> {
+    let ([width, height], [columns, rows]) = (from, to);
+    let (across, down) = (taps(width, columns), taps(height, rows));
+    let mut out = Vec::with_capacity(planes.len() / (width * height) * columns * rows);
+    let mut narrow = Vec::with_capacity(columns * height);
+    for plane in planes.chunks_exact(width * height) {
         narrow.clear();
-        for row in plane.chunks_exact(from) {
-            narrow.extend(taps.iter().map(|taps| {
+        for row in plane.chunks_exact(width) {
+            narrow.extend(across.iter().map(|taps| {
                 let values = &row[taps.first..][..taps.weights.len()];
                 values.iter().zip(&taps.weights).map(|(v, w)| v * w).sum::<f32>()
             }));
         }
-        for taps in &taps {
+        for taps in &down {
             let begin = out.len();
-            out.resize(begin + to, 0.0);
+            out.resize(begin + columns, 0.0);
             for (k, weight) in taps.weights.iter().enumerate() {
-                let row = &narrow[(taps.first + k) * to..][..to];
+                let row = &narrow[(taps.first + k) * columns..][..columns];
                 for (sum, value) in out[begin..].iter_mut().zip(row) {
                     *sum += weight * value;
                 }
@@ -56,7 +57,7 @@ mod tests {
         let (from, to) = (53, 32);
         let mut planes = vec![0.375; from * from];
         planes.extend((0..from * from).map(|k| (k % from) as f32 + 0.5));
-        let small = resample(&planes, from, to);
+        let small = resample(&planes, [from; 2], [to; 2]);
         assert_eq!(small.len(), 2 * to * to);
         assert!(small[..to * to].iter().all(|v| (v - 0.375).abs() < 1e-6));
         let scale = from as f32 / to as f32;
@@ -67,6 +68,6 @@ mod tests {
             let allowed = if (2..to - 2).contains(&column) { 0.1 } else { 0.5 };
             assert!((value - expected).abs() < allowed, "{column}: {value} {expected}");
         }
-        assert_eq!(resample(&planes, from, from), planes);
+        assert_eq!(resample(&planes, [from; 2], [from; 2]), planes);
     }
 }
