@@ -1,7 +1,10 @@
 //! Measures the composition of examples, by part.
 
 use super::clock::{cpu_s, median};
-use compose::{Composition, Cut, Draw, Layer, Layering, LinearTuple, Side, Stream, TupleLayers};
+use compose::{
+    Composition, Cut, Draw, Layer, Layering, LinearTuple, Shot, Side, Stream, TupleLayers,
+};
+use plan::SensorRecipe;
 use std::thread::ScopedJoinHandle;
 use std::time::Instant;
 
@@ -23,6 +26,21 @@ pub struct CompositionRow {
     /// Median CPU seconds of an example on one thread.
     pub cpu_seconds: f64,
     pub examples_per_core_second: f64,
+}
+
+/// Speed of the camera on one thread: medians over sensors.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub struct CameraTimes {
+    pub stages: Vec<CameraStage>,
+    /// CPU seconds of the input with noise, and of T and R~ without: all stages, without JPEG.
+    pub three_layers_cpu_seconds: f64,
+}
+
+/// Speed of a stage of the camera.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct CameraStage {
+    pub stage: &'static str,
+    pub us_per_megapixel: f64,
 }
 
 impl CompositionBench {
@@ -52,10 +70,81 @@ impl CompositionBench {
             of("codes, without camera", &|c| c.camera.enabled = false, rendered, false),
             of("camera without JPEG", &|_| (), rendered, false),
             of("camera with JPEG", &|c| c.camera.jpeg_share = 1.0, rendered, false),
+            self.sensor_row(count),
             of("linear mixture, camera without JPEG", &|_| (), Layering::LinearMixture, false),
             of("Zhang's mixture, camera without JPEG", &|_| (), Layering::ZhangMixture, false),
             of("CEILNet's mixture, camera without JPEG", &|_| (), Layering::CeilnetMixture, false),
         ]
+    }
+
+    /// Measures examples behind a calibrated sensor, JPEG included.
+    fn sensor_row(&self, count: u64) -> CompositionRow {
+        let recipe = SensorRecipe::default();
+        let one = |k: u64| {
+            let mut stream = Stream::new(k, "composition");
+            let sensor = recipe.draw_for(2020, &format!("example {k}"));
+            let draw = Draw::new(&self.settings, &mut stream).with_sensor(sensor, k);
+            self.compose(&draw, k, Layering::Rendered, false, &mut stream);
+        };
+        let seconds: Vec<f64> = (0..count + 2).map(|k| cpu_s(|| one(k)).1).skip(2).collect();
+        let cpu_seconds = median(&seconds);
+        let examples_per_core_second = 1.0 / cpu_seconds;
+        CompositionRow {
+            up_to: "calibrated sensor with JPEG",
+            cpu_seconds,
+            examples_per_core_second,
+        }
+    }
+
+    /// Measures `count` photographs of a tuple by each calibrated sensor, stage by stage.
+    pub fn camera(&self, count: u64) -> CameraTimes {
+        let size = [self.size_px; 2];
+        let Some(tuple) = self.tuples.first() else { return CameraTimes::default() };
+        let layer = |layer: &Layer| -> Vec<f32> { layer.planes() };
+        let layers = [&tuple.input, &tuple.transmission, &tuple.glass_reflection].map(layer);
+        let recipe = SensorRecipe::default();
+        let mut seconds: [Vec<f64>; 7] = Default::default();
+        for k in 0..count + 2 {
+            let sensor = recipe.draw_for(2020, &format!("photograph {k}"));
+            let (shot, meter) = cpu_s(|| Shot::new(&sensor, &layers[0], size));
+            let (light, photosites) = cpu_s(|| shot.light_of_photosites(&layers[0]));
+            let (numbers, expose) = cpu_s(|| shot.expose_light(&light, k));
+            let (mut planes, demosaic) = cpu_s(|| shot.demosaic(&light));
+            let ((), render) = cpu_s(|| shot.render(&mut planes));
+            let (_, finish) = cpu_s(|| shot.finish(planes));
+            let (_, chain) = cpu_s(|| {
+                let shot = Shot::new(&sensor, &layers[0], size);
+                let photo = shot.develop(&shot.expose(&layers[0], k));
+                std::hint::black_box([
+                    photo,
+                    shot.noiseless(&layers[1]),
+                    shot.noiseless(&layers[2]),
+                ])
+            });
+            std::hint::black_box(&numbers);
+            if k >= 2 {
+                let all = [meter, photosites, expose, demosaic, render, finish, chain];
+                seconds.iter_mut().zip(all).for_each(|(list, one)| list.push(one));
+            }
+        }
+        let [meter, photosites, expose, demosaic, render, finish, chain] =
+            seconds.map(|list| median(&list));
+        let megapixels = (self.size_px * self.size_px) as f64 / 1e6;
+        let of = |stage, seconds: f64| CameraStage {
+            stage,
+            us_per_megapixel: 1e6 * seconds / megapixels,
+        };
+        CameraTimes {
+            stages: vec![
+                of("meter, matrices and curve, once a tuple", meter),
+                of("blur, matrix, mosaic", photosites),
+                of("photons, noise, converter, the input alone", expose),
+                of("demosaic", demosaic),
+                of("white balance, matrix, curve", render),
+                of("sharpen", finish),
+            ],
+            three_layers_cpu_seconds: chain,
+        }
     }
 
     /// Composes `count` examples on several threads, with the settings as they are. Returns examples per second of wall
@@ -83,6 +172,17 @@ impl CompositionBench {
     fn example(&self, settings: &Composition, k: u64, layering: Layering, is_linear: bool) {
         let mut stream = Stream::new(k, "composition");
         let draw = Draw::new(settings, &mut stream);
+        self.compose(&draw, k, layering, is_linear, &mut stream);
+    }
+
+    fn compose(
+        &self,
+        draw: &Draw,
+        k: u64,
+        layering: Layering,
+        is_linear: bool,
+        stream: &mut Stream,
+    ) {
         let cut = Cut { row: 0, column: 0, size: self.size_px, mirrored: k.is_multiple_of(2) };
         let side = |at: usize| Side { tuple: &self.tuples[at % self.tuples.len()], cut };
         let (front, other) = (side(k as usize), side(k as usize + 1));
@@ -90,7 +190,7 @@ impl CompositionBench {
         if is_linear {
             std::hint::black_box(draw.linear(layering, front, other, self.size_px));
         } else {
-            let made = draw.example(layering, front, other, self.size_px, &mut stream);
+            let made = draw.example(layering, front, other, self.size_px, stream);
             let _ = std::hint::black_box(made);
         }
     }
@@ -157,8 +257,11 @@ mod tests {
         assert_eq!(bench.tuples.len(), 4);
         assert!(bench.tuples.iter().all(|tuple| matches!(tuple.input, Layer::Halves(_))));
         let rows = bench.rows(3);
-        assert_eq!(rows.len(), 7);
+        assert_eq!(rows.len(), 8);
         assert!(rows.iter().all(|row| row.cpu_seconds > 0.0), "{rows:?}");
+        let camera = bench.camera(3);
+        assert_eq!(camera.stages.len(), 6);
+        assert!(camera.three_layers_cpu_seconds > 0.0, "{camera:?}");
         assert!(bench.on_threads(4, 2).iter().all(|value| *value > 0.0));
     }
 }

@@ -33,7 +33,7 @@ mod train_step;
 
 pub use calibrate::calibrate;
 pub use clock::thread_cpu_s;
-pub use composition::{CompositionBench, CompositionRow};
+pub use composition::{CameraStage, CameraTimes, CompositionBench, CompositionRow};
 pub use cpu::{cpu_name, on_cpu};
 pub use deviation::Deviation;
 pub use dump::RayDump;

@@ -20,7 +20,7 @@ use std::path::Path;
 /// Name of a scene's record, its last file.
 pub const PHOTOGRAPH_RECORD: &str = "photograph.json";
 /// Schema of [`PHOTOGRAPH_RECORD`].
-pub const PHOTOGRAPHS_SCHEMA: &str = "glasshouse.photograph/1";
+pub const PHOTOGRAPHS_SCHEMA: &str = "glasshouse.photographs/1";
 
 /// Content of [`PHOTOGRAPH_RECORD`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -88,6 +88,10 @@ fn what(plan: &ExportPlan, summary: &Summary) -> String {
     let pixels = match plan.request.encoding {
         PixelEncoding::Srgb8 => "PNG of 8-bit sRGB codes; values above 1 are clipped",
         PixelEncoding::Srgb16 => "PNG of 16-bit sRGB codes; values above 1 are clipped",
+        PixelEncoding::Photograph => {
+            "PNG of photographs: `input` behind a camera with noise and JPEG, the others with its exposure and development, \
+             without noise (each scene's `sensor` in the manifest has the numbers)"
+        }
         PixelEncoding::Linear => {
             "OpenEXR, linear Rec.709, not clipped, half floats (32-bit floats where the tuple has them)"
         }

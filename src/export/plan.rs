@@ -68,6 +68,14 @@ impl ExportPlan {
             let reason = "no scene has a tuple; see `glasshouse status RUN`";
             return Err(ExportError::Nothing(reason.to_owned()));
         }
+        if options.encoding == PixelEncoding::Photograph
+            && let Some(&scene) = asked.iter().find(|&&scene| run.lines[scene].sensor.is_none())
+        {
+            return Err(ExportError::Nothing(format!(
+                "scene {} has no photographs: render a recipe with [sensor], or photograph the run with `glasshouse develop`",
+                run.lines[scene].id
+            )));
+        }
         let is_webdataset = options.format == ExportFormat::Webdataset;
         let request = ExportRequest {
             schema: EXPORT_REQUEST_SCHEMA.to_owned(),
@@ -102,7 +110,9 @@ impl ExportPlan {
 
     /// Returns the indices and names of the exported layers.
     pub(super) fn layers(&self) -> impl Iterator<Item = (usize, &'static str)> {
-        Layer::NAMES.into_iter().enumerate().filter(|(layer, _)| self.layers[*layer])
+        let encoding = self.request.encoding;
+        let is_exported = move |layer: usize| self.layers[layer] && encoding.has(layer);
+        Layer::NAMES.into_iter().enumerate().filter(move |(layer, _)| is_exported(*layer))
     }
 
     /// Returns the quarantined scenes and their reasons.

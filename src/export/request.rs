@@ -2,6 +2,7 @@
 
 use super::error::ExportError;
 use super::plan::LeftOut;
+use render::layer::Layer;
 use render::line::Split;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -35,6 +36,20 @@ pub enum PixelEncoding {
     Srgb16,
     /// OpenEXR, linear, not clipped; half or float as in the tuple.
     Linear,
+    /// The tuple's photographs: PNGs of I behind the camera, decoded from its JPEG, and of T and R~ without noise.
+    Photograph,
+}
+
+impl PixelEncoding {
+    /// True if the pixels come from `tuple.exr`.
+    pub(super) fn is_of_exr(self) -> bool {
+        matches!(self, Self::Srgb16 | Self::Linear)
+    }
+
+    /// True if the encoding has a layer (index in [`Layer::ALL`]). No camera sees R.
+    pub(super) fn has(self, layer: usize) -> bool {
+        self != Self::Photograph || Layer::ALL[layer] != Layer::CleanReflection
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -93,7 +108,10 @@ pub(super) fn check(format: ExportFormat, encoding: PixelEncoding) -> Result<(),
         (ExportFormat::Imagefolder, PixelEncoding::Linear) => {
             "imagefolder has no linear encoding, because `datasets` reads no OpenEXR: use --format webdataset, pairs or exr"
         }
-        (ExportFormat::Exr, PixelEncoding::Srgb8 | PixelEncoding::Srgb16) => {
+        (
+            ExportFormat::Exr,
+            PixelEncoding::Srgb8 | PixelEncoding::Srgb16 | PixelEncoding::Photograph,
+        ) => {
             "OpenEXR files hold linear light: leave --encoding out, or use --format webdataset, imagefolder or pairs"
         }
         _ => return Ok(()),
@@ -127,6 +145,7 @@ impl fmt::Display for PixelEncoding {
             Self::Srgb8 => "srgb8",
             Self::Srgb16 => "srgb16",
             Self::Linear => "linear",
+            Self::Photograph => "photograph",
         })
     }
 }

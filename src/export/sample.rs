@@ -11,10 +11,11 @@ use render::label::{Label, LabelImages, LabelSet};
 use render::layer::Layer;
 use render::line::{ExrPrecision, SceneLine, Split};
 use render::merge::{
-    TupleRecord, check_png, decode_tuple_exr, decode_tuple_labels, encode_png16,
-    is_readable_record_of, tuple_files,
+    PHOTO, RAW, TupleRecord, check_png, decode_tuple_exr, decode_tuple_labels, encode_png16,
+    encode_rgb8_png, is_readable_record_of, photographed_layer, tuple_files,
 };
 use std::collections::BTreeMap;
+use std::path::Path;
 
 pub(super) struct Sample {
     /// Files, sorted by name: paths in the exported folder, or members of a tar.
@@ -35,7 +36,7 @@ pub(super) fn layer_file(
     layer: usize,
 ) -> String {
     let ending = match encoding {
-        PixelEncoding::Srgb8 | PixelEncoding::Srgb16 => "png",
+        PixelEncoding::Srgb8 | PixelEncoding::Srgb16 | PixelEncoding::Photograph => "png",
         PixelEncoding::Linear => "exr",
     };
     let (split, id, name) = (line.split, &line.id, Layer::NAMES[layer]);
@@ -87,8 +88,12 @@ pub(super) fn sample(
     let record: TupleRecord =
         serde_json::from_slice(&json).map_err(|e| damaged(line, "tuple.json", &e))?;
     let mut files = Vec::new();
-    if encoding == PixelEncoding::Srgb8 {
-        files.extend(copies(&mut tuple, &record, line, format)?);
+    match encoding {
+        PixelEncoding::Srgb8 => files.extend(copies(&mut tuple, &record, line, format)?),
+        PixelEncoding::Photograph => {
+            files.extend(photographs(&mut tuple, &record, line, format)?);
+        }
+        PixelEncoding::Srgb16 | PixelEncoding::Linear => {}
     }
     if needs_exr(line, encoding) {
         let exr = tuple.take(line, "tuple.exr")?;
@@ -98,7 +103,7 @@ pub(super) fn sample(
         if format != ExportFormat::Exr {
             files.extend(label_files(&labels, &record, line, format));
         }
-        if encoding != PixelEncoding::Srgb8 {
+        if encoding.is_of_exr() {
             files.extend(encoded(&exr, &labels, &record, line, format, encoding)?);
         }
     }
@@ -111,7 +116,7 @@ pub(super) fn sample(
 
 /// True if the export needs `tuple.exr`: the PNGs lack labels, and pixels of other encodings.
 fn needs_exr(line: &SceneLine, encoding: PixelEncoding) -> bool {
-    encoding != PixelEncoding::Srgb8 || line.film.layers.labels() != LabelSet::default()
+    encoding.is_of_exr() || line.film.layers.labels() != LabelSet::default()
 }
 
 /// Bytes of a tuple's files, by name; `None` if the file is missing or was taken.
@@ -134,7 +139,11 @@ fn read(
     names.retain(|name| match name.as_str() {
         "tuple.json" => true,
         "tuple.exr" => needs_exr(line, encoding),
-        _ => encoding == PixelEncoding::Srgb8,
+        name => match encoding {
+            PixelEncoding::Srgb8 => name.ends_with(".png") && photographed_layer(name).is_none(),
+            PixelEncoding::Photograph => photographed_layer(name).is_some() && name != RAW,
+            PixelEncoding::Srgb16 | PixelEncoding::Linear => false,
+        },
     });
     let keys: Vec<String> = names.iter().map(|n| keys::tuple(&line.id, n)).collect();
     let bytes = store.get_all(&keys)?;
@@ -156,6 +165,29 @@ fn copies(
             .and_then(|()| record.check_file(&file, &bytes))
             .map_err(|e| damaged(line, &file, &e))?;
         files.push((layer_file(format, PixelEncoding::Srgb8, line, layer), bytes));
+    }
+    Ok(files)
+}
+
+/// Copies the photographs of T and R~, and decodes that of I, which a pair's loader expects under the name of the others.
+fn photographs(
+    tuple: &mut TupleBytes,
+    record: &TupleRecord,
+    line: &SceneLine,
+    format: ExportFormat,
+) -> Result<Vec<(String, Bytes)>, ExportError> {
+    let mut files = Vec::new();
+    for name in render::merge::photographs(line) {
+        let Some(layer) = photographed_layer(name).filter(|_| name != RAW) else { continue };
+        let mut bytes = tuple.take(line, name)?;
+        record.check_file(name, &bytes).map_err(|e| damaged(line, name, &e))?;
+        if name == PHOTO {
+            let photo = compose::decode_picture(Path::new(name), bytes.to_vec())
+                .map_err(|e| damaged(line, name, &e))?;
+            let png = encode_rgb8_png(photo.as_raw(), photo.dimensions().into());
+            bytes = png.map_err(|e| damaged(line, name, &e))?.into();
+        }
+        files.push((layer_file(format, PixelEncoding::Photograph, line, layer as usize), bytes));
     }
     Ok(files)
 }

@@ -51,7 +51,7 @@ fn read(kind: Kind, input: &Input) -> Inspection {
             found
         }
         Kind::Archive => archive::read(input.bytes, input.bytes.len() as u64),
-        Kind::Picture | Kind::Array | Kind::Mesh => picture::read(kind, input),
+        Kind::Picture | Kind::Array | Kind::Mesh | Kind::Raw => picture::read(kind, input),
         Kind::PhotographList
         | Kind::Rejected
         | Kind::Listing

@@ -2,6 +2,7 @@
 
 use super::facts::{Inspection, Problem};
 use super::input::Input;
+use crate::develop::{PHOTOGRAPH_RECORD, PhotographsRecord};
 use render::shard::{Spec, manifest_digest};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -87,6 +88,21 @@ impl Digested for Spec {
     fn compare(&self, _: &str, bytes: &[u8]) -> Result<(), String> {
         let digest = manifest_digest(&String::from_utf8_lossy(bytes));
         same(&digest, &self.manifest_blake3, Self::NAME)
+    }
+}
+
+impl Digested for PhotographsRecord {
+    const NAME: &'static str = PHOTOGRAPH_RECORD;
+    const TO_DO: &'static str = "delete this scene's folder: `glasshouse develop` makes it again";
+    const NEEDS_FILES: bool = true;
+
+    fn files(&self) -> Vec<&str> {
+        self.files.keys().map(String::as_str).collect()
+    }
+
+    fn compare(&self, name: &str, bytes: &[u8]) -> Result<(), String> {
+        let expected = self.files.get(name).map_or("", String::as_str);
+        same(&blake3::hash(bytes).to_hex(), expected, Self::NAME)
     }
 }
 

@@ -58,6 +58,9 @@ kinds! {
     Sums "sums" "SHA256SUMS, digests of the files beside it"
     Report "report" "report page"
     Written "written" "list of the files that commands wrote into a folder"
+    Photographs "photographs" "photograph.json, the record of one scene's photographs"
+    Developed "developed" "develop.json, the record of a folder of photographs"
+    Raw "raw" "raw.dng, the numbers of a scene's sensor"
     Picture "picture" "picture"
     Array "array" ".npy array"
     Mesh "mesh" "PLY mesh"
@@ -83,6 +86,8 @@ const SCHEMAS: &[(&str, Kind)] = &[
     ("glasshouse.receipt/1", Kind::Receipt),
     ("glasshouse.made_by/1", Kind::MadeBy),
     ("glasshouse.finished/1", Kind::Finished),
+    (crate::develop::PHOTOGRAPHS_SCHEMA, Kind::Photographs),
+    (crate::develop::REQUEST_SCHEMA, Kind::Developed),
     ("glasshouse.checkpoint/1", Kind::CheckpointState),
     (crate::outputs::WRITTEN_SCHEMA, Kind::Written),
 ];
@@ -102,6 +107,7 @@ pub(super) fn kind_of(name: &str, head: &[u8]) -> Option<Kind> {
             Kind::Picture
         }
         [b'P', b'1'..=b'7' | b'f' | b'F', b' ' | b'\t' | b'\r' | b'\n' | b'#', ..] => Kind::Picture,
+        [b'I', b'I', b'*', 0, ..] if contains(head, b"Glasshouse") => Kind::Raw,
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Kind::Array,
         [b'p', b'l', b'y', b'\r' | b'\n', ..] => Kind::Mesh,
         _ if head.get(257..262) == Some(b"ustar") => Kind::Archive,

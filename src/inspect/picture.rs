@@ -5,6 +5,7 @@ use super::exr::say_layer;
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::Kind;
+use crate::develop::PhotographsRecord;
 use crate::text::grouped;
 use render::formats::{NamedBytes, SceneError, npy_facts, ply_counts};
 use render::merge::TupleRecord;
@@ -17,6 +18,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
     let read = match kind {
         Kind::Mesh => mesh(&mut found, &file),
         Kind::Array => array(&mut found, &file),
+        Kind::Raw => Ok(raw(&mut found, input)),
         _ => picture(&mut found, &file),
     };
     match read {
@@ -25,12 +27,15 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
             let reason = text.strip_prefix(&format!("{} ", input.name)).unwrap_or(&text);
             found.wrong(Problem::new(reason, AGAIN));
         }
+        // In the folder of a tuple or of photographs, the record beside the picture has its digest.
+        Ok(()) if (input.beside)(TupleRecord::NAME).is_some() => {
+            hold_file::<TupleRecord>(&mut found, input);
+        }
+        Ok(()) if (input.beside)(PhotographsRecord::NAME).is_some() => {
+            hold_file::<PhotographsRecord>(&mut found, input);
+        }
         Ok(()) if input.bytes.starts_with(b"\x89PNG") => {
             found.is_whole("it can be decoded, and its checksums match");
-            // In a tuple's folder, the record beside the picture has its digest.
-            if (input.beside)(TupleRecord::NAME).is_some() {
-                hold_file::<TupleRecord>(&mut found, input);
-            }
         }
         Ok(()) => found.may_be_whole("it can be read completely; the format has no checksum"),
     }
@@ -54,6 +59,13 @@ fn picture(found: &mut Inspection, file: &NamedBytes) -> Result<(), SceneError> 
         }
     }
     Ok(())
+}
+
+/// Tells the scene of a raw file; raw converters read its pixels.
+fn raw(found: &mut Inspection, input: &Input) {
+    let next = "raw converters and Python's rawpy open it; docs/camera.md describes its tags";
+    found.next.push(next.to_owned());
+    found.facts.say("size", format!("{} bytes", grouped(input.bytes.len() as u64)));
 }
 
 fn array(found: &mut Inspection, file: &NamedBytes) -> Result<(), SceneError> {

@@ -4,6 +4,7 @@ use super::digests::{CheckpointDigests, Digested, hold_record};
 use super::facts::{Inspection, Problem, text_of};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, schema_of};
+use crate::develop::{DevelopRequest, PhotographsRecord};
 use crate::run::{AttemptRecord, Control, PartialsProvenance, Provenance, QuarantineRecord, keys};
 use plan::{DepthRanges, Recipe, Trainings};
 use render::shard::Spec;
@@ -21,6 +22,8 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
             state.insert("validation".to_owned(), psnr.unwrap_or_default());
             state
         }),
+        Kind::Photographs => held::<PhotographsRecord>(&mut found, input),
+        Kind::Developed => keys_of::<DevelopRequest>(&mut found, input),
         Kind::Quarantine => keys_of::<QuarantineRecord>(&mut found, input),
         Kind::Attempt => keys_of::<AttemptRecord>(&mut found, input),
         Kind::Receipt => keys_of::<Provenance>(&mut found, input),
@@ -44,7 +47,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         tell(&mut found, &object);
         check_name(&mut found, input.name, &object);
         advise(&mut found, &object);
-        if !matches!(kind, Kind::Spec | Kind::CheckpointState) {
+        if !matches!(kind, Kind::Spec | Kind::CheckpointState | Kind::Photographs) {
             found.may_be_whole("it can be read; files of this kind have no digest");
         }
     }
@@ -169,6 +172,9 @@ fn to_do(kind: Kind) -> &'static str {
         Kind::Quarantine => "delete it, so that workers try the scene again",
         Kind::Attempt => "nothing: it counts as a lost attempt",
         Kind::Control => "`glasshouse resume RUN` removes it; until then the run is paused",
+        Kind::Photographs | Kind::Developed => {
+            "delete this folder: `glasshouse develop` makes it again"
+        }
         Kind::Receipt | Kind::MadeBy => "delete it: nothing depends on it",
         Kind::TrainRecipe => "plan the run again into a new folder",
         Kind::Recipe | Kind::DepthRanges => {

@@ -6,6 +6,7 @@ use super::facts::{Inspection, Problem};
 use super::input::Input;
 use super::kind::Kind;
 use super::record::{tell, typed};
+use crate::plot::number;
 use crate::text::many;
 use render::formats::decode_exr_channels;
 use render::line::SceneLine;
@@ -109,6 +110,12 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
     tell(found, object.as_object().into_iter().flatten());
     let inputs = many(record.inputs.0.len() as u64, "input file");
     found.facts.fact("inputs", inputs, json!(record.inputs));
+    if let (Some(photographs), Some(sensor)) = (&record.photographs, &record.scene.sensor) {
+        let name = sensor.name.as_deref().unwrap_or("a sensor");
+        let factor = number(photographs.exposure_factor);
+        let text = format!("by {name}, {factor} times the light");
+        found.facts.fact("photographs", text, json!(photographs));
+    }
     for note in record.facts.notes() {
         found.facts.say("depth", note);
     }

@@ -24,7 +24,7 @@ pub struct SensorRecipe {
     pub exposure: ExposureRecipe,
     /// Standard deviation of the blur of the optics, px. Default 0.2 to 0.6.
     pub blur_px: Param,
-    /// Gain, DN per electron. Default: the calibrated range, with a uniform logarithm.
+    /// Gain, DN per electron, in the calibrated range. Default: the lower third of its logarithms, the light of a day.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gain_dn_per_e: Option<Param>,
     /// Electrons that a photosite holds. Default: the converter is full first.
@@ -179,7 +179,8 @@ impl SensorRecipe {
     pub(crate) fn draw(&self, draw: Draw<'_>) -> Sensor {
         let value = |key: &str, param: &Param| draw.value(&format!("sensor.{key}"), param);
         let (name, model) = self.drawn_model(draw);
-        let range = Param::LogUniform(model.ln_gain.map(libm::exp));
+        let [low, high] = model.ln_gain;
+        let range = Param::LogUniform([low, low + (high - low) / 3.0].map(libm::exp));
         let gain = value("gain_dn_per_e", self.gain_dn_per_e.as_ref().unwrap_or(&range));
         let spread = normal(0.0, 1.0, -3.0, 3.0);
         let scale_dn = |key: &str, noise: super::sensor_model::NoiseModel| {

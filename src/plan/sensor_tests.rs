@@ -94,3 +94,33 @@ fn scenes_without_a_sensor_keep_their_lines_and_others_gain_one() {
     let sensors: Vec<_> = with.iter().map(|line| &line.sensor).collect();
     assert!(sensors.windows(2).any(|pair| pair[0] != pair[1]));
 }
+
+/// The table of docs/camera.md has the numbers of sensors.toml, and the page cites the sources.
+#[test]
+fn the_page_has_all_sensors() {
+    let page = include_str!("../../docs/camera.md");
+    for (name, model) in &sensor_models().by_name {
+        let ends = model.ln_gain.map(|ln| {
+            let gain = ln.exp();
+            let white_e = f64::from((1 << model.bits) - 1 - model.black_level_dn) / gain;
+            let deviation = model.read_noise.lambda.map_or(1.0, compose::tukey_deviation);
+            let read_e = model.read_noise.scale_dn(ln, 0.0) * deviation / gain;
+            [format!("{gain:.2}"), format!("{white_e:.0}"), format!("{read_e:.1}")]
+        });
+        let range = |k: usize| format!("{} to {}", ends[0][k], ends[1][k]);
+        let row = format!(
+            "| `{name}` | {} | {} | {} | {} | {} | {} |",
+            model.description,
+            model.bits,
+            range(0),
+            range(1),
+            range(2),
+            model.sources.join(", ")
+        );
+        assert!(page.contains(&row), "docs/camera.md lacks this row:\n{row}");
+    }
+    for (key, source) in &sensor_models().sources {
+        let item = format!("- {key}: {source}");
+        assert!(page.contains(&item), "docs/camera.md lacks this source:\n{item}");
+    }
+}

@@ -97,6 +97,9 @@ pub enum PixelSource {
     Exr,
     /// The 8-bit PNGs.
     Png,
+    /// The photographs of scenes with a sensor: I behind the camera, T and R~ without noise. R, which no camera sees, is its
+    /// PNG if the photographs have the film's size, and is missing otherwise.
+    Photograph,
 }
 
 /// Architecture of the network that separates.

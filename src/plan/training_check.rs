@@ -54,8 +54,9 @@ impl TrainSettings {
         if self.discriminator_every == 0 {
             return refuse("discriminator_every", "0".to_owned(), "1 or above");
         }
-        if self.examples.is_composed() && self.pixels == PixelSource::Png {
-            return refuse("pixels", "png".to_owned(), "exr for examples composed in linear light");
+        if self.examples.is_composed() && self.pixels != PixelSource::Exr {
+            let value = format!("{:?}", self.pixels).to_lowercase();
+            return refuse("pixels", value, "exr for examples composed in linear light");
         }
         if let Some(sensor) = &self.sensor {
             if !self.examples.is_composed() {

@@ -16,7 +16,9 @@ use render::ids::SceneId;
 use render::label::LabelSet;
 use render::layer::Layer;
 use render::line::{Glass, Roughness, SceneLine, Side};
-use render::merge::{LayerRecord, NoiseMap, TupleRecord, decode_tuple_labels};
+use render::merge::{
+    LayerRecord, NoiseMap, RAW, TupleRecord, decode_tuple_labels, photographed_layer, photographs,
+};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -136,6 +138,19 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
             figures.push(figure(&tag, &symbol, "brightened", None));
         }
     }
+    for name in photographs(line).into_iter().filter(|name| *name != RAW) {
+        let wrong = |reason: String| damaged(format!("{name} cannot be read: {reason}"));
+        let bytes = get(name)?;
+        record.check_file(name, &bytes).map_err(wrong)?;
+        let picture = compose::decode_picture(Path::new(name), bytes);
+        let picture = shrunk(picture.map_err(|e| wrong(e.to_string()))?, THUMBNAIL_PX);
+        let tag = img(&picture, &format!("{name} of {id}")).map_err(wrong)?;
+        let symbol = match photographed_layer(name) {
+            Some(layer) => format!("{} photographed", PAPER_SYMBOLS[layer]),
+            None => String::new(),
+        };
+        figures.push(figure(&tag, &symbol, name, None));
+    }
     if line.film.layers.labels() != LabelSet::default() {
         let wrong = |reason: String| damaged(format!("tuple.exr cannot be read: {reason}"));
         let labels = decode_tuple_labels(&get("tuple.exr")?, &record).map_err(wrong)?;
@@ -202,7 +217,7 @@ fn parameters(record: &TupleRecord) -> String {
     };
     let orders: Vec<&str> = record.facts.orders.iter().map(|o| o.order.as_str()).collect();
     format!(
-        "{} \u{b7} {} spp \u{b7} focus {focus} \u{b7} glass {}, ior {}, at {} m, {tilt}{} \u{b7} orders {}",
+        "{} \u{b7} {} spp \u{b7} focus {focus} \u{b7} glass {}, ior {}, at {} m, {tilt}{} \u{b7} orders {}{}",
         record.scene.split,
         record.scene.film.spp,
         layers(glass),
@@ -210,7 +225,28 @@ fn parameters(record: &TupleRecord) -> String {
         number(glass.distance_m),
         cards(&record.scene),
         orders.join(" "),
+        sensor(record),
     )
+}
+
+/// Formats the camera of the photographs; empty without one.
+fn sensor(record: &TupleRecord) -> String {
+    let (Some(sensor), Some(photographs)) = (&record.scene.sensor, &record.photographs) else {
+        return String::new();
+    };
+    format!(
+        " \u{b7} photographed by {}, {} DN per electron, exposure {}, JPEG {} {}",
+        sensor.name.as_deref().unwrap_or("a sensor"),
+        number(rounded(sensor.gain_dn_per_e)),
+        number(rounded(photographs.exposure_factor)),
+        sensor.jpeg_quality,
+        sensor.jpeg_subsampling,
+    )
+}
+
+/// Rounds a number to three digits.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
 }
 
 /// Formats the pictures that cover a part of the scene, by the names of their files; empty without cards.

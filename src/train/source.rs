@@ -3,13 +3,17 @@
 use super::example::{Example, Planes};
 use super::picture::Picture;
 use super::srgb_planes::{planes_of_bytes, planes_of_linear};
-use compose::{Layer, LinearTuple, Pair, TupleLayers, read_picture};
+use compose::{Layer as LinearLayer, LinearTuple, Pair, TupleLayers, read_picture};
 use image::{Rgb32FImage, imageops};
 use plan::{InputFiles, PixelSource};
 use render::ids::SceneId;
 use render::label::Label;
+use render::layer::Layer;
 use render::line::{Roots, SceneLine};
-use render::merge::{TupleRecord, decode_tuple_exr, decode_tuple_labels, is_readable_record_of};
+use render::merge::{
+    PHOTO, RAW, TupleRecord, decode_tuple_exr, decode_tuple_labels, is_readable_record_of,
+    photographed_layer, photographs,
+};
 use render::scene::{Decoded, decode, read_files_by};
 use render::trace::Texture;
 use std::path::PathBuf;
@@ -89,9 +93,11 @@ impl TupleSource {
         let Some(record) = self.record(line)? else {
             return Ok(None);
         };
-        let layers = match self.pixels {
-            PixelSource::Exr => self.read_exr(line, &record)?,
-            PixelSource::Png => self.read_pngs(line, &record)?,
+        let film = [line.film.width, line.film.height];
+        let (layers, [width, height]) = match self.pixels {
+            PixelSource::Exr => (self.read_exr(line, &record)?, film),
+            PixelSource::Png => (self.read_pngs(line, &record)?, film),
+            PixelSource::Photograph => self.read_photographs(line, &record)?,
         };
         let [input, transmission, glass_reflection, clean_reflection] = layers;
         let (Some(input), Some(transmission)) = (input, transmission) else {
@@ -102,8 +108,8 @@ impl TupleSource {
             });
         };
         Ok(Some(Base::Example(Example {
-            rows: line.film.height as usize,
-            columns: line.film.width as usize,
+            rows: height as usize,
+            columns: width as usize,
             input,
             transmission,
             glass_reflection,
@@ -119,7 +125,8 @@ impl TupleSource {
         };
         let (key, bytes) = self.file(line, &record, "tuple.exr")?;
         let layers = decode_tuple_exr(&bytes, &record).map_err(|e| damaged(&key, &e))?;
-        let layers = layers.0.map(|pixels| (!pixels.is_empty()).then(|| Layer::of_pixels(&pixels)));
+        let layers =
+            layers.0.map(|pixels| (!pixels.is_empty()).then(|| LinearLayer::of_pixels(&pixels)));
         let [Some(input), Some(transmission), Some(glass_reflection), clean_reflection] = layers
         else {
             return Err(ExampleError::Unusable {
@@ -130,7 +137,7 @@ impl TupleSource {
             });
         };
         let labels = decode_tuple_labels(&bytes, &record).map_err(|e| damaged(&key, &e))?;
-        let coverage = labels.get(&Label::Coverage).map(|values| Layer::of_values(values));
+        let coverage = labels.get(&Label::Coverage).map(|values| LinearLayer::of_values(values));
         let layers =
             TupleLayers { input, transmission, glass_reflection, clean_reflection, coverage };
         let tuple = LinearTuple::new(line.film.height as usize, line.film.width as usize, layers);
@@ -189,19 +196,58 @@ impl TupleSource {
     ) -> Result<[Option<Planes>; 4], ExampleError> {
         let mut layers = [const { None }; 4];
         for (layer, name) in layers.iter_mut().zip(render::layer::Layer::NAMES) {
-            if !record.layers.contains_key(name) {
-                continue;
+            if record.layers.contains_key(name) {
+                let size = [line.film.width, line.film.height];
+                let name = format!("{name}.png");
+                *layer = Some(self.read_picture(line, record, &name, Some(size))?.0);
             }
-            let (key, bytes) = self.file(line, record, &format!("{name}.png"))?;
-            let picture = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
-                .map_err(|e| damaged(&key, &e))?
-                .into_rgb8();
-            if [picture.width(), picture.height()] != [line.film.width, line.film.height] {
-                return Err(damaged(&key, &"its size differs from the film's"));
-            }
-            *layer = Some(planes_of_bytes(picture.as_raw()));
         }
         Ok(layers)
+    }
+
+    /// Reads a scene's photographs. Returns them with their size, px.
+    fn read_photographs(
+        &self,
+        line: &SceneLine,
+        record: &TupleRecord,
+    ) -> Result<([Option<Planes>; 4], [u32; 2]), ExampleError> {
+        if record.photographs.is_none() {
+            return Err(ExampleError::Unusable {
+                name: line.id.to_string(),
+                reason: "its tuple has no photographs: render a recipe with [sensor]".to_owned(),
+            });
+        }
+        let (input, size) = self.read_picture(line, record, PHOTO, None)?;
+        let mut layers = [Some(input), None, None, None];
+        for name in photographs(line).into_iter().filter(|name| ![PHOTO, RAW].contains(name)) {
+            if let Some(layer) = photographed_layer(name) {
+                layers[layer as usize] = Some(self.read_picture(line, record, name, Some(size))?.0);
+            }
+        }
+        let clean = Layer::CleanReflection;
+        let film = [line.film.width, line.film.height];
+        if size == film && record.layers.contains_key(clean.name()) {
+            let name = format!("{clean}.png");
+            layers[clean as usize] = Some(self.read_picture(line, record, &name, Some(film))?.0);
+        }
+        Ok((layers, size))
+    }
+
+    /// Reads a picture of a tuple, which must have the size `expected` if that is given.
+    fn read_picture(
+        &self,
+        line: &SceneLine,
+        record: &TupleRecord,
+        name: &str,
+        expected: Option<[u32; 2]>,
+    ) -> Result<(Planes, [u32; 2]), ExampleError> {
+        let (key, bytes) = self.file(line, record, name)?;
+        let picture = image::load_from_memory(&bytes).map_err(|e| damaged(&key, &e))?.into_rgb8();
+        let size = [picture.width(), picture.height()];
+        if expected.is_some_and(|expected| expected != size) {
+            return Err(damaged(&key, &"its size differs from that of the others"));
+        }
+        Ok((planes_of_bytes(picture.as_raw()), size))
     }
 }
 

@@ -114,6 +114,24 @@ fn of_a_run(files: &mut Files) {
         &["64 x 64 px", "its digest matches"],
     );
     files.is("runs/smoke/report/index.html", "report", unknown, &["smoke"]);
+    files.put("phone.toml", "[sensor]\ncamera = \"imx686\"\nraw = true\n");
+    let develop = ["develop", "runs/smoke", "--sensor", "phone.toml", "--out", "photographs"];
+    run_in(&folder, &develop).expect(0);
+    files.is("photographs/develop.json", "developed", unknown, &["smoke", "sensor version 1"]);
+    let photographs = format!("photographs/{SCENE}");
+    files.is(
+        &format!("{photographs}/photograph.json"),
+        "photographs",
+        unknown,
+        &[SCENE, "imx686", "raw.dng match"],
+    );
+    for (name, kind, words) in [
+        ("photo.jpg", "picture", &["64 x 64 px", "the one in photograph.json"]),
+        ("photo_transmission.png", "picture", &["64 x 64 px", "the one in photograph.json"]),
+        ("raw.dng", "raw", &["rawpy", "the one in photograph.json"]),
+    ] {
+        files.is(&format!("{photographs}/{name}"), kind, whole, words);
+    }
     files.is("out/input.exr", "exr", unknown, &["40 x 24 px, float", "by `glasshouse render`"]);
     files.is("runs/smoke/work.lock", "lock", whole, &["empty on purpose"]);
     let status = run_in(&folder, &["status", "runs/smoke", "--json"]).expect(0).stdout;

@@ -16,6 +16,7 @@ mod export_refused;
 mod inspect;
 mod inspect_damage;
 mod markup;
+mod photographs;
 mod report;
 mod report_browser;
 mod report_noise;

@@ -13,6 +13,7 @@ mod composing;
 mod evaluate;
 mod finite;
 mod names;
+mod photographs;
 mod presets;
 mod separate;
 mod shipped;

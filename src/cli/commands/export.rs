@@ -79,6 +79,8 @@ enum EncodingName {
     Srgb16,
     /// OpenEXR files, linear and not clipped.
     Linear,
+    /// PNGs of the photographs of scenes with a sensor.
+    Photograph,
 }
 
 impl From<EncodingName> for PixelEncoding {
@@ -87,6 +89,7 @@ impl From<EncodingName> for PixelEncoding {
             EncodingName::Srgb8 => Self::Srgb8,
             EncodingName::Srgb16 => Self::Srgb16,
             EncodingName::Linear => Self::Linear,
+            EncodingName::Photograph => Self::Photograph,
         }
     }
 }

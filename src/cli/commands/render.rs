@@ -9,6 +9,7 @@ use crate::cli::store_env;
 use crate::outputs::Outputs;
 use crate::run::Run;
 use clap::Args as ClapArgs;
+use compose::encode_tuple_image;
 use render::Loaded;
 use render::atomic_file;
 use render::color::SrgbEncoder;
@@ -16,7 +17,10 @@ use render::formats::encode_rgb_exr;
 use render::ids::SceneId;
 use render::layer::Layer;
 use render::line::{Roots, SceneLine, parse_scene};
-use render::merge::{LayerRecord, TUPLE_SCHEMA, TUPLE_SCHEMA_1, Tuple, TupleRecord, encode_png};
+use render::merge::{
+    LabelRecord, LayerRecord, PhotographRecord, TUPLE_SCHEMA, TUPLE_SCHEMA_1, Tuple, TupleRecord,
+    encode_png, photographs,
+};
 use render::scene::{SceneFacts, read_files_by};
 use render::shard::ShardLayout;
 use render::trace::TRACER_VERSION;
@@ -112,6 +116,8 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
         scene: &source.line.id,
         spp: source.line.film.spp,
         layers: &tuple.record.layers,
+        labels: &tuple.record.labels,
+        photographs: tuple.record.photographs,
         facts: &tuple.record.facts,
         seconds: Seconds { read: read_s, decode: decode_s, trace: trace_s, write: write_s },
         target_error: tuple.record.scene.film.target_error,
@@ -156,8 +162,11 @@ fn read_source(args: &RenderArgs) -> Result<Source, Failure> {
 /// Returns the files to write, and the files that the command reads.
 fn outputs<'a>(args: &'a RenderArgs, source: &Source) -> Result<Outputs<'a>, Failure> {
     let Source { line, base, roots, .. } = source;
-    let files =
-        line.film.layers.names().flat_map(|name| ENDINGS.map(|e| format!("{name}.{e}").into()));
+    let layers = line.film.layers;
+    let files = layers.names().flat_map(|name| ENDINGS.map(|e| format!("{name}.{e}").into()));
+    let labels = layers.labels();
+    let labels = labels.iter().map(|label| format!("{label}.exr").into());
+    let files = files.chain(labels).chain(photographs(line).into_iter().map(PathBuf::from));
     let mut inputs = vec![args.scene.clone()];
     for (_, path) in line.paths() {
         inputs.push(roots.resolve(base, path)?);
@@ -165,7 +174,7 @@ fn outputs<'a>(args: &'a RenderArgs, source: &Source) -> Result<Outputs<'a>, Fai
     Ok(Outputs { command: "render", folder: &args.out, files: files.collect(), inputs })
 }
 
-/// Writes each layer as EXR and PNG.
+/// Writes each layer as EXR and PNG, each label as EXR, and the photographs of a sensor.
 fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
     let encoder = SrgbEncoder::new();
     for (layer, pixels) in tuple.made() {
@@ -174,6 +183,21 @@ fn write(tuple: &Tuple, out: &Path) -> Result<(), Failure> {
         atomic_file::write(&out.join(format!("{layer}.exr")), &exr)?;
         let png = encode_png(&encoder, pixels, w, h).map_err(|e| Failure::new(Exit::Failed, e))?;
         atomic_file::write(&out.join(format!("{layer}.png")), &png)?;
+    }
+    for (label, values) in &tuple.labels {
+        // Labels of one number have it in all three channels.
+        let pixels: Vec<[f32; 3]> = match label.channels().len() {
+            3 => values.chunks_exact(3).map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect(),
+            _ => values.iter().map(|value| [*value; 3]).collect(),
+        };
+        let exr = encode_rgb_exr(&pixels, tuple.width, tuple.height);
+        let exr = exr.map_err(|e| Failure::new(Exit::Failed, e))?;
+        atomic_file::write(&out.join(format!("{label}.exr")), &exr)?;
+    }
+    for name in photographs(&tuple.record.scene) {
+        let file = encode_tuple_image(tuple, &encoder, name);
+        let file = file.map_err(|e| Failure::new(Exit::Failed, e))?;
+        atomic_file::write(&out.join(name), &file)?;
     }
     Ok(())
 }
@@ -197,6 +221,10 @@ struct Rendered<'a> {
     scene: &'a SceneId,
     spp: u32,
     layers: &'a BTreeMap<String, LayerRecord>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    labels: &'a BTreeMap<String, LabelRecord>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    photographs: Option<PhotographRecord>,
     facts: &'a SceneFacts,
     seconds: Seconds,
     #[serde(skip)]

@@ -59,7 +59,12 @@ impl<'a> Shot<'a> {
 
     /// Exposes the sensor to a mixture. Returns the numbers of its converter, row by row.
     pub fn expose(&self, mixture: &[f32], seed: u64) -> Vec<u16> {
-        expose(&self.light_of_photosites(mixture), self.size_px[0], self.sensor, seed)
+        self.expose_light(&self.light_of_photosites(mixture), seed)
+    }
+
+    /// Exposes the sensor to the light of its photosites, as raw values without noise.
+    pub fn expose_light(&self, light: &[f32], seed: u64) -> Vec<u16> {
+        expose(light, self.size_px[0], self.sensor, seed)
     }
 
     /// Develops the numbers of a sensor. Returns codes from 0 to 1, three planes of [`Self::photograph_px`].
@@ -73,19 +78,29 @@ impl<'a> Shot<'a> {
     }
 
     fn developed(&self, raw: &[f32]) -> Vec<f32> {
-        let mut planes = demosaic(raw, self.size_px, self.sensor.mosaic);
-        self.development.apply(&mut planes);
-        self.finished(planes)
+        let mut planes = self.demosaic(raw);
+        self.render(&mut planes);
+        self.finish(planes)
+    }
+
+    /// Interpolates the colours of raw values: three planes of the film's size.
+    pub fn demosaic(&self, raw: &[f32]) -> Vec<f32> {
+        demosaic(raw, self.size_px, self.sensor.mosaic)
+    }
+
+    /// Turns raw planes into codes: white balance, colour matrix and tone curve.
+    pub fn render(&self, planes: &mut [f32]) {
+        self.development.apply(planes);
     }
 
     /// Scales and sharpens codes of the film's size.
-    pub(crate) fn finished(&self, planes: Vec<f32>) -> Vec<f32> {
+    pub fn finish(&self, planes: Vec<f32>) -> Vec<f32> {
         self.development.finish(planes, self.size_px, self.photograph_px)
     }
 
     /// Returns the light of the photosites, as raw values without noise. A colour outside the camera's range has no light,
     /// not a negative one.
-    fn light_of_photosites(&self, planes: &[f32]) -> Vec<f32> {
+    pub fn light_of_photosites(&self, planes: &[f32]) -> Vec<f32> {
         let [width, height] = self.size_px;
         let mut blurred;
         let mut planes = planes;

@@ -50,6 +50,13 @@ impl Layer {
         }
     }
 
+    /// Returns all planes.
+    pub fn planes(&self) -> Vec<f32> {
+        let mut planes = Vec::with_capacity(self.len());
+        self.push_row(0, self.len(), &mut planes);
+        planes
+    }
+
     /// Appends a part of one row.
     fn push_row(&self, start: usize, count: usize, out: &mut Vec<f32>) {
         match self {

@@ -62,7 +62,7 @@ impl DrawnSensor {
             let factor = shot.factor() as f32;
             planes.iter_mut().for_each(|value| *value *= factor);
             Curve::of(sensor.tone).apply(&mut planes);
-            shot.finished(planes)
+            shot.finish(planes)
         });
         Ok(ComposedExample {
             side_px,

@@ -1,6 +1,6 @@
 //! `bench compose`: measures the composition of training examples.
 
-use crate::bench::{CompositionBench, CompositionRow, cpu_name, on_cpu};
+use crate::bench::{CameraTimes, CompositionBench, CompositionRow, cpu_name, on_cpu};
 use crate::cli::args::Global;
 use crate::cli::exit_code::Exit;
 use crate::cli::output::Output;
@@ -32,10 +32,12 @@ pub(super) fn run(args: &BenchComposeArgs, global: &Global, output: &Output) -> 
     let threads = global.threads.map_or(THREADS, usize::from);
     let bench = CompositionBench::new(args.size as usize, &Composition::default());
     let rows = bench.rows(args.examples);
+    let camera = bench.camera(args.examples);
     let [examples_per_second, cpu_seconds] =
         bench.on_threads(args.examples * threads as u64, threads);
     let report = Report {
         rows,
+        camera,
         examples_per_second,
         cpu_seconds,
         threads,
@@ -62,6 +64,7 @@ impl fmt::Display for Planned {
 #[derive(Serialize)]
 struct Report {
     rows: Vec<CompositionRow>,
+    camera: CameraTimes,
     /// Wall time of all threads together, with the settings' share of JPEG.
     examples_per_second: f64,
     /// CPU time of one of these examples.
@@ -90,6 +93,16 @@ impl fmt::Display for Report {
             rate = self.examples_per_second,
             ms = 1e3 * self.cpu_seconds,
             table = markdown_table(&rows, 1),
+        )?;
+        let mut rows =
+            vec![["camera, by stage", "CPU us per megapixel"].map(str::to_owned).to_vec()];
+        let stages = self.camera.stages.iter();
+        rows.extend(stages.map(|s| vec![s.stage.to_owned(), format!("{:.0}", s.us_per_megapixel)]));
+        write!(
+            f,
+            "\nI with noise, T and R~ without, before JPEG: {:.2} CPU ms\n{}",
+            1e3 * self.camera.three_layers_cpu_seconds,
+            markdown_table(&rows, 1),
         )
     }
 }

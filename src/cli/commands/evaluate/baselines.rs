@@ -69,7 +69,7 @@ fn baselines(
         (None, None) => return Ok((None, Vec::new())),
     };
     let name = place.folder.display().to_string();
-    let pictures = place.pictures(SplitName::Train, output)?;
+    let pictures = place.pictures(SplitName::Train, args.pixels.into(), output)?;
     let (fitted, left_out) = fit_baselines(pictures.subject(), name.clone(), signals.stop())?;
     if fitted.is_none() {
         let reason = format!("nothing can be fitted to {name}: it has no readable pictures");

@@ -5,6 +5,7 @@ mod methods;
 mod place;
 
 use crate::cli::args::{Global, SplitName};
+use crate::cli::commands::train::PixelName;
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::network::use_threads;
 use crate::cli::output::Output;
@@ -45,6 +46,9 @@ pub(super) struct EvaluateArgs {
     /// Scenes of a run to score
     #[arg(long, value_enum, default_value = "test")]
     split: SplitName,
+    /// Files of a run's tuples to score
+    #[arg(long, value_enum, default_value = "png")]
+    pixels: PixelName,
     /// Scores in the table; the files contain the scores of both protocols
     #[arg(long, value_enum, default_value = "paper")]
     protocol: ProtocolName,
@@ -103,6 +107,7 @@ impl EvaluateArgs {
     /// Returns the arguments that score the SP-net of a run on its test scenes.
     pub(super) fn of_run(run: &Path) -> Self {
         Self {
+            pixels: PixelName::Png,
             place: Some(run.to_owned()),
             index: None,
             checkpoints: Vec::new(),

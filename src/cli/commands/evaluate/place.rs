@@ -77,15 +77,18 @@ impl<'a> Place<'a> {
         Self { folder, store: None, is_run: is_run(folder) }
     }
 
-    pub(super) fn pictures(&self, split: SplitName, output: &Output) -> Result<Pictures, Failure> {
+    /// Finds the pictures of a run's split, in the files `pixels` of its tuples, or those of a folder.
+    pub(super) fn pictures(
+        &self,
+        split: SplitName,
+        pixels: PixelSource,
+        output: &Output,
+    ) -> Result<Pictures, Failure> {
         if self.is_run {
             let (run, store) = target::open(self.folder, self.store, &Roots::default())?;
             let lines = run.lines.iter().filter(|line| split.has(line.split));
-            let source = TupleSource {
-                files: Arc::new(store),
-                lines: lines.cloned().collect(),
-                pixels: PixelSource::Png,
-            };
+            let source =
+                TupleSource { files: Arc::new(store), lines: lines.cloned().collect(), pixels };
             return Ok(Pictures { of: Source::Run(source), left_out: Vec::new() });
         }
         let found = find_pairs(self.folder).map_err(|e| Failure::new(Exit::InvalidInput, e))?;
@@ -121,7 +124,7 @@ pub(super) fn pictures(args: &EvaluateArgs, output: &Output) -> Result<Pictures,
             let folder = place.filter(|place| !place.is_run).map(|place| place.folder);
             Pictures::of_index(index, folder, output)?
         }
-        (None, Some(place)) => place.pictures(args.split, output)?,
+        (None, Some(place)) => place.pictures(args.split, args.pixels.into(), output)?,
         (None, None) => return Err(failure!(Exit::Usage, "give RUN, DIR or --index FILE.csv")),
     };
     if let Some(limit) = args.limit {

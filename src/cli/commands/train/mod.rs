@@ -2,7 +2,7 @@
 
 mod settings;
 
-pub(super) use settings::NetworkName;
+pub(super) use settings::{NetworkName, PixelName};
 
 use crate::cli::args::{Global, RootArgs, bytes_of_gb};
 use crate::cli::exit_code::{Exit, Failure, failure};

@@ -166,11 +166,23 @@ enum Switch {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum PixelName {
+pub(crate) enum PixelName {
     /// tuple.exr, with floating-point pixels.
     Exr,
     /// The PNGs, with 8-bit pixels.
     Png,
+    /// The photographs of scenes with a sensor.
+    Photograph,
+}
+
+impl From<PixelName> for PixelSource {
+    fn from(name: PixelName) -> Self {
+        match name {
+            PixelName::Exr => Self::Exr,
+            PixelName::Png => Self::Png,
+            PixelName::Photograph => Self::Photograph,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -298,11 +310,7 @@ impl SettingArgs {
         put(&mut settings.examples, examples);
         let camera = self.camera.map(|switch| switch == Switch::On);
         put(&mut settings.composition.camera.enabled, camera);
-        let pixels = self.pixels.map(|name| match name {
-            PixelName::Exr => PixelSource::Exr,
-            PixelName::Png => PixelSource::Png,
-        });
-        put(&mut settings.pixels, pixels);
+        put(&mut settings.pixels, self.pixels.map(Into::into));
         settings.flip &= !self.no_flip;
         settings.a_priori &= !self.no_a_priori;
         settings.follow |= self.follow;
