@@ -70,30 +70,33 @@ impl CompositionBench {
             of("codes, without camera", &|c| c.camera.enabled = false, rendered, false),
             of("camera without JPEG", &|_| (), rendered, false),
             of("camera with JPEG", &|c| c.camera.jpeg_share = 1.0, rendered, false),
-            self.sensor_row(count),
+            self.sensor_row("calibrated sensor without JPEG", count, false),
+            self.sensor_row("calibrated sensor with JPEG", count, true),
             of("linear mixture, camera without JPEG", &|_| (), Layering::LinearMixture, false),
             of("Zhang's mixture, camera without JPEG", &|_| (), Layering::ZhangMixture, false),
             of("CEILNet's mixture, camera without JPEG", &|_| (), Layering::CeilnetMixture, false),
         ]
     }
 
-    /// Measures examples behind a calibrated sensor, JPEG included.
-    fn sensor_row(&self, count: u64) -> CompositionRow {
+    /// Measures examples behind a calibrated sensor.
+    fn sensor_row(&self, up_to: &'static str, count: u64, has_jpeg: bool) -> CompositionRow {
         let recipe = SensorRecipe::default();
         let one = |k: u64| {
             let mut stream = Stream::new(k, "composition");
             let sensor = recipe.draw_for(2020, &format!("example {k}"));
             let draw = Draw::new(&self.settings, &mut stream).with_sensor(sensor, k);
-            self.compose(&draw, k, Layering::Rendered, false, &mut stream);
+            if has_jpeg {
+                self.compose(&draw, k, Layering::Rendered, false, &mut stream);
+            } else if let Some(sensor) = &draw.sensor {
+                let (front, other) = self.sides(&draw, k, Layering::Rendered);
+                let linear = draw.linear(Layering::Rendered, front, other, self.size_px);
+                std::hint::black_box(sensor.before_jpeg(linear, self.size_px, false));
+            }
         };
         let seconds: Vec<f64> = (0..count + 2).map(|k| cpu_s(|| one(k)).1).skip(2).collect();
         let cpu_seconds = median(&seconds);
         let examples_per_core_second = 1.0 / cpu_seconds;
-        CompositionRow {
-            up_to: "calibrated sensor with JPEG",
-            cpu_seconds,
-            examples_per_core_second,
-        }
+        CompositionRow { up_to, cpu_seconds, examples_per_core_second }
     }
 
     /// Measures `count` photographs of a tuple by each calibrated sensor, stage by stage.
@@ -183,16 +186,23 @@ impl CompositionBench {
         is_linear: bool,
         stream: &mut Stream,
     ) {
-        let cut = Cut { row: 0, column: 0, size: self.size_px, mirrored: k.is_multiple_of(2) };
-        let side = |at: usize| Side { tuple: &self.tuples[at % self.tuples.len()], cut };
-        let (front, other) = (side(k as usize), side(k as usize + 1));
-        let other = (draw.is_other || layering.is_mixture()).then_some(other);
+        let (front, other) = self.sides(draw, k, layering);
         if is_linear {
             std::hint::black_box(draw.linear(layering, front, other, self.size_px));
         } else {
             let made = draw.example(layering, front, other, self.size_px, stream);
             let _ = std::hint::black_box(made);
         }
+    }
+}
+
+impl CompositionBench {
+    /// Returns the crops of front and reflection of an example.
+    fn sides(&self, draw: &Draw, k: u64, layering: Layering) -> (Side<'_>, Option<Side<'_>>) {
+        let cut = Cut { row: 0, column: 0, size: self.size_px, mirrored: k.is_multiple_of(2) };
+        let side = |at: usize| Side { tuple: &self.tuples[at % self.tuples.len()], cut };
+        let (front, other) = (side(k as usize), side(k as usize + 1));
+        (front, (draw.is_other || layering.is_mixture()).then_some(other))
     }
 }
 
@@ -257,7 +267,7 @@ mod tests {
         assert_eq!(bench.tuples.len(), 4);
         assert!(bench.tuples.iter().all(|tuple| matches!(tuple.input, Layer::Halves(_))));
         let rows = bench.rows(3);
-        assert_eq!(rows.len(), 8);
+        assert_eq!(rows.len(), 9);
         assert!(rows.iter().all(|row| row.cpu_seconds > 0.0), "{rows:?}");
         let camera = bench.camera(3);
         assert_eq!(camera.stages.len(), 6);

@@ -32,6 +32,11 @@ def numbers(path):
     return numpy.frombuffer(data, "<u2", width * height, tags[273]).reshape(height, width)
 
 
+def coarse(picture):
+    rows, columns = (side // 4 * 4 for side in picture.shape[:2])
+    return picture[:rows, :columns].reshape(rows // 4, 4, columns // 4, 4, 3).mean(axis=(1, 3))
+
+
 worst = 0.0
 folders = sorted(path.parent for path in pathlib.Path(sys.argv[1]).glob("*/raw.dng"))
 assert folders
@@ -48,7 +53,9 @@ for folder in folders:
         made = raw.postprocess(use_camera_wb=True, no_auto_bright=True, gamma=(2.4, 12.92), user_flip=0)
     photo = Image.open(folder / "photo.jpg").convert("RGB")
     photo = numpy.asarray(photo.resize((made.shape[1], made.shape[0])), float)
-    # Curves, errors of white balance, sharpening and LibRaw's own interpolation differ; the colours and places do not.
+    # Curves, errors of white balance, sharpening and LibRaw's own interpolation differ; the colours and places do not. Means of
+    # 4 x 4 px have less noise.
+    made, photo = coarse(made.astype(float)), coarse(photo)
     for channel in range(3):
         correlation = numpy.corrcoef(made[..., channel].ravel(), photo[..., channel].ravel())[0, 1]
         worst = max(worst, 1 - correlation)

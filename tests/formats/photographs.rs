@@ -99,7 +99,8 @@ fn render_writes_photographs_and_labels() {
     let (folder, made) = finished(&recipe);
     let tuple = made.join("tuples/train-sample-000000");
     let out = folder.path().join("out");
-    let call = ["render", text(&tuple.join("tuple.json")), "--out", text(&out), "--json"];
+    let record = tuple.join("tuple.json");
+    let call = ["render", text(&record), "--out", text(&out), "--json"];
     let said = run(&call).expect(0).json();
     for (file, ..) in FILES {
         let [again, own] = [out.join(file), tuple.join(file)].map(|p| std::fs::read(p).unwrap());

@@ -5,6 +5,7 @@
 use super::outputs::{exr_channels, files};
 use glasshouse::run::Run;
 use image::RgbImage;
+use render::layer::Layer;
 use render::line::{Roots, SceneLine};
 use render::merge::TupleRecord;
 use sha2::{Digest, Sha256};
@@ -169,8 +170,13 @@ impl Call {
     #[track_caller]
     fn check_rendered(&self) {
         let out = self.value("--out").unwrap_or_else(|| self.folder.clone());
-        for path in files(&out).into_iter().filter(|path| path.extension() == Some("exr".as_ref()))
-        {
+        // Labels have no PNG.
+        let is_layer = |path: &PathBuf| {
+            let stem = path.file_stem().and_then(|stem| stem.to_str());
+            path.extension() == Some("exr".as_ref())
+                && stem.is_some_and(|stem| Layer::from_name(stem).is_some())
+        };
+        for path in files(&out).into_iter().filter(is_layer) {
             check_picture(&out.join(path.with_extension("png")), &out.join(&path), "");
         }
     }

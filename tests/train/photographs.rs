@@ -26,7 +26,7 @@ pairs = { sample = 3 }
 name = "test"
 pairs = { sample = 1 }
 [train]
-steps = 0
+backtrack_steps = 0
 separation_steps = 3
 [train.settings]
 network = "unet"

@@ -1,7 +1,7 @@
 //! Develops raw planes: white balance, colours, curve, size and sharpness.
 
 use super::matrix::scaled;
-use crate::blur::blur;
+use crate::blur::blurred;
 use crate::curve::Curve;
 use crate::resample::resample;
 use render::line::Sensor;
@@ -47,8 +47,7 @@ impl Development {
     pub(super) fn finish(&self, planes: Vec<f32>, from: [usize; 2], to: [usize; 2]) -> Vec<f32> {
         let mut planes = if from == to { planes } else { resample(&planes, from, to) };
         if self.sharpen > 0.0 {
-            let mut soft = planes.clone();
-            blur(&mut soft, to, self.sharpen_px);
+            let soft = blurred(&planes, to, self.sharpen_px);
             for (value, soft) in planes.iter_mut().zip(&soft) {
                 *value = (*value + self.sharpen * (*value - soft)).clamp(0.0, 1.0);
             }

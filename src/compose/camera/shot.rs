@@ -4,7 +4,7 @@ use super::demosaic::demosaic;
 use super::developing::Development;
 use super::exposing::{expose, raw_values};
 use super::matrix::{Matrix, inverse, scaled};
-use crate::blur::blur;
+use crate::blur::blurred;
 use crate::composition::brightest;
 use render::line::Sensor;
 use render::merge::metered_factor;
@@ -102,13 +102,9 @@ impl<'a> Shot<'a> {
     /// not a negative one.
     pub fn light_of_photosites(&self, planes: &[f32]) -> Vec<f32> {
         let [width, height] = self.size_px;
-        let mut blurred;
-        let mut planes = planes;
-        if self.sensor.blur_px > 0.0 {
-            blurred = planes.to_vec();
-            blur(&mut blurred, self.size_px, self.sensor.blur_px);
-            planes = &blurred;
-        }
+        let soft =
+            (self.sensor.blur_px > 0.0).then(|| blurred(planes, self.size_px, self.sensor.blur_px));
+        let planes = soft.as_deref().unwrap_or(planes);
         let [red, green, blue] = [0, 1, 2].map(|c| &planes[c * width * height..][..width * height]);
         let mut raw = vec![0.0; width * height];
         for (y, out) in raw.chunks_exact_mut(width).enumerate() {

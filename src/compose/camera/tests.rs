@@ -207,6 +207,51 @@ fn photographs_have_their_scale() {
     assert!(codes.iter().all(|code| (0.0..=1.0).contains(code)));
 }
 
+/// `tests/camera/twin.py` computes the camera of [`rich`] in double precision, from its description.
+#[test]
+fn a_twin_in_double_precision_agrees() {
+    let file = include_bytes!("../../../tests/camera/twin.safetensors");
+    let tensors = safetensors::SafeTensors::deserialize(file).unwrap();
+    let of = |name: &str| -> Vec<f32> {
+        let bytes = tensors.tensor(name).unwrap().data().chunks_exact(4);
+        bytes.map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+    };
+    let (size, sensor) = ([64, 48], Sensor { read_noise_lambda: None, ..rich() });
+    let planes = chart(size);
+    let shot = Shot::new(&sensor, &planes, size);
+    assert_eq!(tensors.tensor("codes").unwrap().shape(), [3, 36, 48]);
+    let (codes, expected) = (shot.noiseless(&planes), of("codes"));
+    let worst = codes.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    println!("codes without noise: at most {worst:e} apart");
+    assert!(worst < 2e-5, "{worst}");
+    // Means and variances of each photosite over seeds, as standard scores.
+    const SEEDS: u64 = 400;
+    let (means, variances) = (of("mean_dn"), of("variance_dn"));
+    let mut sums = vec![[0.0f64; 2]; means.len()];
+    for seed in 0..SEEDS {
+        for (sum, (dn, mean)) in sums.iter_mut().zip(shot.expose(&planes, seed).iter().zip(&means))
+        {
+            let difference = f64::from(*dn) - f64::from(*mean);
+            (sum[0], sum[1]) = (sum[0] + difference, sum[1] + difference * difference);
+        }
+    }
+    let (mut scores, mut ratios, mut count) = (0.0, 0.0, 0.0);
+    for (place, [sum, squares]) in sums.iter().enumerate() {
+        if means[place] > 12_000.0 {
+            continue;
+        }
+        let (mean, variance) = (sum / SEEDS as f64, f64::from(variances[place]));
+        let score = mean / (variance / SEEDS as f64).sqrt();
+        assert!(score.abs() < 5.5, "{place}: {score}");
+        (scores, count) = (scores + score * score, count + 1.0);
+        ratios += (squares / SEEDS as f64 - mean * mean) / variance;
+    }
+    let (score, ratio) = (scores / count, ratios / count);
+    println!("{count} photosites: squared scores {score:.3}, variance over the twin's {ratio:.4}");
+    // Rows share a number, so scores of a row are not independent.
+    assert!(count > 2500.0 && (score - 1.0).abs() < 0.1 && (ratio - 1.0).abs() < 0.01);
+}
+
 /// The photographs of a chart: numbers of the converter, codes of all layers, and files. They change only with `SENSOR_VERSION`.
 #[test]
 fn golden_photographs_keep_their_bits() {

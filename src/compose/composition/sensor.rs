@@ -43,6 +43,24 @@ impl DrawnSensor {
         side_px: usize,
         is_metered: bool,
     ) -> ImageResult<ComposedExample> {
+        let mut example = self.before_jpeg(linear, side_px, is_metered);
+        let (quality, subsampling) = (self.sensor.jpeg_quality, self.sensor.jpeg_subsampling);
+        let rgb = to_rgb8(&example.input);
+        let jpeg = encode_jpeg(&rgb, [side_px; 2], quality, subsampling).map_err(|e| {
+            let hint = ImageFormatHint::Exact(ImageFormat::Jpeg);
+            ImageError::Encoding(EncodingError::new(hint, e))
+        })?;
+        of_rgb8(&decode_jpeg(&jpeg)?, &mut example.input);
+        Ok(example)
+    }
+
+    /// As [`Draw::example`] with a sensor, without rounding to 8 bits and JPEG.
+    pub fn before_jpeg(
+        &self,
+        linear: LinearExample,
+        side_px: usize,
+        is_metered: bool,
+    ) -> ComposedExample {
         let (sensor, film) = (&self.sensor, [linear.side_px; 2]);
         let shot = if is_metered {
             Shot::new(sensor, &linear.input, film)
@@ -50,26 +68,18 @@ impl DrawnSensor {
             Shot::with_factor(sensor, film, 1.0)
         };
         let shot = shot.resized([side_px; 2]);
-        let mut input = shot.develop(&shot.expose(&linear.input, self.seed));
-        let rgb = to_rgb8(&input);
-        let jpeg = encode_jpeg(&rgb, [side_px; 2], sensor.jpeg_quality, sensor.jpeg_subsampling);
-        let jpeg = jpeg.map_err(|e| {
-            let hint = ImageFormatHint::Exact(ImageFormat::Jpeg);
-            ImageError::Encoding(EncodingError::new(hint, e))
-        })?;
-        of_rgb8(&decode_jpeg(&jpeg)?, &mut input);
         let clean_reflection = linear.clean_reflection.map(|mut planes| {
             let factor = shot.factor() as f32;
             planes.iter_mut().for_each(|value| *value *= factor);
             Curve::of(sensor.tone).apply(&mut planes);
             shot.finish(planes)
         });
-        Ok(ComposedExample {
+        ComposedExample {
             side_px,
-            input,
+            input: shot.develop(&shot.expose(&linear.input, self.seed)),
             transmission: shot.noiseless(&linear.transmission),
             glass_reflection: shot.noiseless(&linear.glass_reflection),
             clean_reflection,
-        })
+        }
     }
 }
