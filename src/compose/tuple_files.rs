@@ -69,19 +69,29 @@ pub fn encode_photograph(
     let shot = Shot::with_factor(sensor, size_px, exposure_factor);
     let channel = |c: usize| pixels.iter().map(move |pixel| pixel[c]);
     let planes: Vec<f32> = (0..3).flat_map(channel).collect();
+    encode_shot(name, &shot, &planes, seed)
+}
+
+/// Takes and encodes a photograph of planes. See [`encode_photograph`].
+pub(crate) fn encode_shot(
+    name: &str,
+    shot: &Shot,
+    planes: &[f32],
+    seed: u64,
+) -> Result<Vec<u8>, TupleWriteError> {
+    let (sensor, size) = (shot.sensor(), shot.photograph_px());
     let error = |reason: &dyn std::fmt::Display| TupleWriteError::encode(name, reason);
     if photographed_layer(name) != Some(Layer::Input) {
-        let rgb = to_rgb8(&shot.noiseless(&planes));
-        let size = shot.photograph_px().map(|side| side as u32);
-        return encode_rgb8_png(&rgb, size).map_err(|e| error(&e));
+        let rgb = to_rgb8(&shot.noiseless(planes));
+        return encode_rgb8_png(&rgb, size.map(|side| side as u32)).map_err(|e| error(&e));
     }
-    let numbers = shot.expose(&planes, seed);
+    let numbers = shot.expose(planes, seed);
     match name {
-        RAW => encode_dng(&numbers, size_px, sensor).map_err(|e| error(&e)),
+        RAW => encode_dng(&numbers, shot.film_px(), sensor).map_err(|e| error(&e)),
         PHOTO => {
             let rgb = to_rgb8(&shot.develop(&numbers));
             let (quality, subsampling) = (sensor.jpeg_quality, sensor.jpeg_subsampling);
-            encode_jpeg(&rgb, shot.photograph_px(), quality, subsampling).map_err(|e| error(&e))
+            encode_jpeg(&rgb, size, quality, subsampling).map_err(|e| error(&e))
         }
         _ => Err(error(&"there is no such photograph")),
     }

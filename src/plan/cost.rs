@@ -12,6 +12,10 @@ const PARTIAL_BYTES: f64 = 144.0;
 const HALF_LAYER_BYTES: f64 = 5.3;
 /// Bytes per pixel of one layer with single floats in `tuple.exr`. The smoke recipe gave 12.1.
 const FLOAT_LAYER_BYTES: f64 = 13.0;
+/// Bytes of the photographs per pixel of the photograph: a JPEG and two PNGs.
+const PHOTOGRAPH_BYTES: f64 = 3.0;
+/// Bytes of `raw.dng` per pixel of the film.
+const RAW_BYTES: f64 = 2.0;
 /// Other bytes per scene: its manifest line, `tuple.json` and the receipt.
 const SCENE_BYTES: f64 = 6_000.0;
 /// Approximate seconds of one core to read and decode two photographs, used without a calibration.
@@ -117,11 +121,16 @@ impl Cost {
 
 fn tuple_bytes_per_pixel(line: &SceneLine) -> f64 {
     let layers = line.film.layers.names().count() as f64;
-    layers
-        * match line.film.exr {
-            ExrPrecision::Half => HALF_LAYER_BYTES,
-            ExrPrecision::Float => FLOAT_LAYER_BYTES,
-        }
+    let photographs = line.sensor.as_ref().map_or(0.0, |sensor| {
+        let raw = if sensor.raw { RAW_BYTES } else { 0.0 };
+        PHOTOGRAPH_BYTES * sensor.scale * sensor.scale + raw
+    });
+    photographs
+        + layers
+            * match line.film.exr {
+                ExrPrecision::Half => HALF_LAYER_BYTES,
+                ExrPrecision::Float => FLOAT_LAYER_BYTES,
+            }
 }
 
 #[cfg(test)]
@@ -187,5 +196,12 @@ mod tests {
         let mut float = lines.clone();
         float[0].film.exr = ExrPrecision::Float;
         assert!(cost(estimate(&float)).tuple_bytes > found.tuple_bytes);
+        let sensor =
+            r#"{"exposure":{"factor":1},"gain_dn_per_e":1,"bits":12,"jpeg_quality":90,"raw":true}"#;
+        let sensor = serde_json::from_str(sensor).unwrap();
+        let photographed =
+            vec![SceneLine { sensor: Some(sensor), ..lines[0].clone() }; lines.len()];
+        let more = cost(estimate(&photographed)).tuple_bytes - found.tuple_bytes;
+        assert_eq!(more, lines.len() as u64 * 128 * 64 * 5);
     }
 }

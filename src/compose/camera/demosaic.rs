@@ -9,8 +9,13 @@ use render::trace::Isa;
 const BORDER: usize = 2;
 
 /// Returns the three planes of a mosaic. The known colour of each photosite keeps its value.
-pub(super) fn demosaic(raw: &[f32], [width, height]: [usize; 2], mosaic: Mosaic) -> Vec<f32> {
-    let (padded, isa) = (padded(raw, [width, height]), Isa::detect());
+pub(super) fn demosaic(
+    raw: &[f32],
+    [width, height]: [usize; 2],
+    mosaic: Mosaic,
+    isa: Isa,
+) -> Vec<f32> {
+    let padded = padded(raw, [width, height]);
     let stride = width + 2 * BORDER;
     let mut planes = vec![0.0; 3 * width * height];
     let (red, rest) = planes.split_at_mut(width * height);
@@ -118,12 +123,16 @@ mod tests {
         for mosaic in ALL {
             for size in [[9, 6], [8, 7], [2, 2], [1, 5], [3, 1]] {
                 let raw = sampled(|_, _| [0.5; 3], size, mosaic);
-                assert!(demosaic(&raw, size, mosaic).iter().all(|v| (v - 0.5).abs() < 1e-6));
+                assert!(
+                    demosaic(&raw, size, mosaic, Isa::detect())
+                        .iter()
+                        .all(|v| (v - 0.5).abs() < 1e-6)
+                );
             }
             let size = [12, 10];
             let colour = |y: usize, x: usize| [0, 1, 2].map(|c| ((y * 7 + x * 3 + c) % 11) as f32);
             let raw = sampled(colour, size, mosaic);
-            let planes = demosaic(&raw, size, mosaic);
+            let planes = demosaic(&raw, size, mosaic, Isa::detect());
             for (k, value) in raw.iter().enumerate() {
                 let channel = mosaic.channel(k / 12, k % 12);
                 assert_eq!(planes[channel * 120 + k], *value);
@@ -140,7 +149,7 @@ mod tests {
             [v + 0.1, v, v + 0.25]
         };
         for mosaic in ALL {
-            let planes = demosaic(&sampled(colour, size, mosaic), size, mosaic);
+            let planes = demosaic(&sampled(colour, size, mosaic), size, mosaic, Isa::detect());
             for y in 2..12 {
                 for x in 2..14 {
                     for (c, expected) in colour(y, x).into_iter().enumerate() {
@@ -156,7 +165,7 @@ mod tests {
     fn worst_difference(tensors: &SafeTensors, name: &str, mosaic: Mosaic, raw: &[f32]) -> f32 {
         let expected = tensors.tensor(&format!("{name}.planes")).unwrap();
         let [height, width] = [1, 2].map(|axis| expected.shape()[axis]);
-        let planes = demosaic(raw, [width, height], mosaic);
+        let planes = demosaic(raw, [width, height], mosaic, Isa::detect());
         let (expected, mut worst) = (floats(expected.data()), 0.0f32);
         for (k, value) in planes.iter().enumerate() {
             let (y, x) = (k % (width * height) / width, k % width);

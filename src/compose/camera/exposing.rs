@@ -19,7 +19,7 @@ const ROW: u32 = 1;
 
 /// Exposes photosites of raw values, row by row. The noise of a photosite is a function of the seed, its row and its
 /// column alone.
-pub(super) fn expose(raw: &[f32], width: usize, sensor: &Sensor, seed: u64) -> Vec<u16> {
+pub(super) fn expose(raw: &[f32], width: usize, sensor: &Sensor, seed: u64, isa: Isa) -> Vec<u16> {
     let key = [seed as u32, (seed >> 32) as u32];
     let tukey = sensor.read_noise_lambda.map(Quantiles::tukey);
     let photons = Photons::tables();
@@ -29,7 +29,7 @@ pub(super) fn expose(raw: &[f32], width: usize, sensor: &Sensor, seed: u64) -> V
     let (gain, read_dn, row_dn) =
         (sensor.gain_dn_per_e as f32, sensor.read_noise_dn as f32, sensor.row_noise_dn as f32);
     let (black, most) = (sensor.black_level_dn as f32, sensor.white_level_dn() as f32);
-    let (mut words, isa) = (RowWords::new(width), Isa::detect());
+    let mut words = RowWords::new(width);
     let mut numbers = Vec::with_capacity(raw.len());
     for (y, row) in raw.chunks_exact(width.max(1)).enumerate() {
         let of_row = black + row_dn * normal.of(philox([0, y as u32, 0, ROW], key)[0]);

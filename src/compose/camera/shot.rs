@@ -8,6 +8,7 @@ use crate::blur::blurred;
 use crate::composition::brightest;
 use render::line::Sensor;
 use render::merge::metered_factor;
+use render::trace::Isa;
 
 /// A camera in front of a mixture: the sensor, the factor of the light, and the development.
 #[derive(Clone, Debug)]
@@ -19,6 +20,7 @@ pub struct Shot<'a> {
     /// From linear sRGB of the layers to the raw values of red, green and blue photosites.
     to_raw: [[f32; 3]; 3],
     development: Development,
+    isa: Isa,
 }
 
 impl<'a> Shot<'a> {
@@ -39,12 +41,28 @@ impl<'a> Shot<'a> {
             factor,
             to_raw: scaled(&to_camera, factors),
             development: Development::new(sensor),
+            isa: Isa::detect(),
         }
+    }
+
+    /// Sets the instruction set. All yield the same bits.
+    pub fn with_isa(self, isa: Isa) -> Self {
+        Self { isa, ..self }
     }
 
     /// Returns the factor of the light.
     pub fn factor(&self) -> f64 {
         self.factor
+    }
+
+    /// Returns the sensor.
+    pub fn sensor(&self) -> &'a Sensor {
+        self.sensor
+    }
+
+    /// Returns the size of the film: width and height, px.
+    pub fn film_px(&self) -> [usize; 2] {
+        self.size_px
     }
 
     /// Returns the size of the photographs: width and height, px.
@@ -64,7 +82,7 @@ impl<'a> Shot<'a> {
 
     /// Exposes the sensor to the light of its photosites, as raw values without noise.
     pub fn expose_light(&self, light: &[f32], seed: u64) -> Vec<u16> {
-        expose(light, self.size_px[0], self.sensor, seed)
+        expose(light, self.size_px[0], self.sensor, seed, self.isa)
     }
 
     /// Develops the numbers of a sensor. Returns codes from 0 to 1, three planes of [`Self::photograph_px`].
@@ -85,7 +103,7 @@ impl<'a> Shot<'a> {
 
     /// Interpolates the colours of raw values: three planes of the film's size.
     pub fn demosaic(&self, raw: &[f32]) -> Vec<f32> {
-        demosaic(raw, self.size_px, self.sensor.mosaic)
+        demosaic(raw, self.size_px, self.sensor.mosaic, self.isa)
     }
 
     /// Turns raw planes into codes: white balance, colour matrix and tone curve.
