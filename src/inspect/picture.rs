@@ -18,7 +18,10 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
     let read = match kind {
         Kind::Mesh => mesh(&mut found, &file),
         Kind::Array => array(&mut found, &file),
-        Kind::Raw => Ok(raw(&mut found, input)),
+        Kind::Raw => {
+            raw(&mut found);
+            Ok(())
+        }
         _ => picture(&mut found, &file),
     };
     match read {
@@ -61,11 +64,10 @@ fn picture(found: &mut Inspection, file: &NamedBytes) -> Result<(), SceneError> 
     Ok(())
 }
 
-/// Tells the scene of a raw file; raw converters read its pixels.
-fn raw(found: &mut Inspection, input: &Input) {
-    let next = "raw converters and Python's rawpy open it; docs/camera.md describes its tags";
+/// Names the readers of a raw file.
+fn raw(found: &mut Inspection) {
+    let next = "raw converters and Python's rawpy open it; docs/camera.md describes the sensor";
     found.next.push(next.to_owned());
-    found.facts.say("size", format!("{} bytes", grouped(input.bytes.len() as u64)));
 }
 
 fn array(found: &mut Inspection, file: &NamedBytes) -> Result<(), SceneError> {

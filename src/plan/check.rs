@@ -154,7 +154,7 @@ impl<'a> Checker<'a> {
     /// Returns remarks on those that are probably too far.
     pub(super) fn far_depths(&self, lines: &[SceneLine]) -> Vec<String> {
         let mut first: BTreeMap<(&str, u64), &Photograph> = BTreeMap::new();
-        for photograph in photographs(lines) {
+        for photograph in photographs(lines).filter(|photograph| photograph.sketch.is_none()) {
             let place = place_of(&photograph.depth);
             let key = (photograph.depth.clone(), FileRole::Depth);
             if matches!(self.seen.get(&key), Some(Checked::Sound { .. })) {
@@ -175,7 +175,7 @@ impl<'a> Checker<'a> {
     /// colour image.
     pub(super) fn other_aspects(&self, lines: &[SceneLine]) -> Vec<String> {
         let mut first: BTreeMap<&str, String> = BTreeMap::new();
-        for photograph in photographs(lines) {
+        for photograph in photographs(lines).filter(|photograph| photograph.sketch.is_none()) {
             let Photograph { color, depth, orientation, .. } = photograph;
             let px = |path, role| Some(self.size(path, role)?.used_px(*orientation));
             let px = px(color, FileRole::Color).zip(px(depth, FileRole::Depth));

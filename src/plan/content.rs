@@ -3,6 +3,7 @@
 use super::diode::{Index, SourceImage, from_paths, index_paths, index_source};
 use super::draw_scenes::{DrawnScenes, PreviewContext, RejectedScene, draw_all};
 use super::expand::{Expansion, expand_counted};
+use super::folder::index_folder;
 use super::list::{LIST_NAME, index_list};
 use super::places::{PlacesFolders, index_places};
 use super::procedural_inputs::{
@@ -245,6 +246,10 @@ pub(super) fn from_recipe(
                     &parent(path),
                     request,
                 )?
+            } else if source.layout == Layout::Folder {
+                let found = index_folder(name, &folder, source, request.inputs)?;
+                notes.extend(found.notes);
+                found.index
             } else if source.layout == Layout::List {
                 let list = match &source.list {
                     Some(list) => parent(path).join(list),

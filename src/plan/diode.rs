@@ -76,6 +76,16 @@ pub enum IndexError {
         /// Number of colour images without depth.
         without_depth: usize,
     },
+    #[error(
+        "source {name}: {} holds no picture (.jpg, .jpeg, .png, .exr, .hdr){}; pass --root {name}=DIR with the right folder",
+        path.display(), unreadable_text(*unreadable)
+    )]
+    NoPictures {
+        name: String,
+        path: PathBuf,
+        /// Number of pictures that cannot be read.
+        unreadable: usize,
+    },
     #[error("source {name}: cannot use its depth_ranges {}: {reason}", path.display())]
     Table { name: String, path: PathBuf, reason: String },
     #[error("source {name}: cannot read its list {}: {source}; set `list` to a path relative to the recipe, or put \
@@ -83,6 +93,13 @@ pub enum IndexError {
     NoList { name: String, path: PathBuf, source: io::Error },
     #[error("source {name}: list {}: {source}", path.display())]
     List { name: String, path: PathBuf, source: ListError },
+}
+
+fn unreadable_text(count: usize) -> String {
+    match count {
+        0 => String::new(),
+        n => format!(" ({n} cannot be read)"),
+    }
 }
 
 fn left_out(without_depth: usize) -> String {

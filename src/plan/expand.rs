@@ -10,8 +10,9 @@ use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::{RecipeError, RefusedDraw};
 use super::sections::{camera, film, light, side};
+use super::source::Layout;
 use super::source_values::source_values;
-use render::line::{Apex, Focus, SCENE_SCHEMA, SceneLine};
+use render::line::{Apex, Focus, SCENE_SCHEMA, SceneLine, Side};
 use render::scene::check_geometry;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -87,6 +88,14 @@ pub(super) fn draw_line(
     let front_light = light("front", recipe.front.light(), first, &mut front);
     if recipe.back.apex != Apex::default() {
         back.set_apex(recipe.back.apex);
+    }
+    for (name, source, side) in
+        [("front", front_source.1, &mut front), ("back", back_source.1, &mut back)]
+    {
+        if let (Layout::Folder, Side::Photograph(photograph)) = (source.layout, side) {
+            let shape = source.depth.clone().unwrap_or_default();
+            photograph.sketch = Some(shape.draw(name, first));
+        }
     }
     let mut line = SceneLine {
         schema: SCENE_SCHEMA.to_owned(),

@@ -4,9 +4,10 @@
 //! recipe, source, param, choice, focus, glass, light, train_recipe, training   the TOML file
 //! recipe_check, source_check, glass_check, cover_check, training_check, recipe_schema   its rules
 //! glazing                                         the named panes of glazings.toml
+//! sketch                                          assumed shapes of pictures without depth
 //! sensor, sensor_model, sensor_check, one_of      the camera of the photographs, and the sensors of sensors.toml
 //! cover, cover_draw                               what stands in the way of the window
-//! diode, places, list                             list the photographs of a source
+//! diode, places, list, folder                     list the photographs of a source
 //! split -> pair -> assign                         photographs to splits, pairs and scenes; substitutes for excluded ones
 //! draw, source_values, sections -> expand         random numbers, values of photographs; scene lines
 //! preview, draw_scenes                            previews for exposure, white balance and rejection
@@ -33,6 +34,7 @@ mod draw;
 mod draw_scenes;
 mod expand;
 mod focus;
+mod folder;
 mod glass;
 mod glass_check;
 #[cfg(test)]
@@ -65,6 +67,7 @@ mod sensor_file;
 mod sensor_model;
 #[cfg(test)]
 mod sensor_tests;
+mod sketch;
 mod source;
 mod source_check;
 mod source_values;

@@ -186,7 +186,7 @@ mod tests {
     fn errors_name_the_line() {
         for (rest, words) in [
             (format!(r#"{SIDE},"colour":"x""#), "unknown field `colour`"),
-            (r#""color":"a.png""#.to_owned(), "missing field `depth`"),
+            (r#""color":"a.png""#.to_owned(), "missing field `intrinsics`"),
             (format!(r#"{SIDE},"apex":"mirror""#), "`apex` is not"),
             (format!(r#"{SIDE},"depth_unit_m":0"#), "photograph.depth_unit_m is 0, but must be"),
             (format!(r#"{SIDE},"scan":3"#), "invalid type: integer `3`"),

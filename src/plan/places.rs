@@ -167,11 +167,12 @@ pub(crate) fn index_places(
     };
     let text = render::input_file::read_to_string(folders.table).map_err(|e| table(&e))?;
     let ranges = DepthRanges::parse(&text).map_err(|e| table(&e))?;
-    let all = |folder: &Path| match list(folder) {
+    // Each folder is that of a root of its own, which an error names.
+    let all = |root: &str, folder: &Path| match list(folder) {
         Some(found) => Ok(found),
-        None => files_below(name, folder, |_| true),
+        None => files_below(root, folder, |_| true),
     };
-    let (colors, depths) = (all(folders.color)?, all(folders.depth)?);
+    let (colors, depths) = (all(name, folders.color)?, all(&depth_root(name), folders.depth)?);
     let index = ranges.index(&colors, &depths, &depth_root(name));
     if index.images.is_empty() {
         return Err(IndexError::NoPlaces {

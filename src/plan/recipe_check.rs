@@ -190,7 +190,7 @@ impl Recipe {
             }
             let photographs = match source.layout {
                 Layout::Sample => format!("seed {}", source.seed.unwrap_or(self.seed)),
-                Layout::Diode | Layout::Places | Layout::List => {
+                Layout::Diode | Layout::Places | Layout::List | Layout::Folder => {
                     format!("root {:?}", source.root.as_deref().unwrap_or(name))
                 }
             };

@@ -110,6 +110,7 @@ fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograp
             Some(root) => format!("{root}:{}", image.depth),
             None => rooted(&image.depth),
         },
+        sketch: None,
         mask: image.mask.as_ref().map(rooted),
         orientation: source.orientation,
         transfer: source.transfer,

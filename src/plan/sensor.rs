@@ -207,13 +207,7 @@ impl SensorRecipe {
             read_noise_dn: scale_dn("read_noise", model.read_noise),
             read_noise_lambda: model.read_noise.lambda,
             row_noise_dn: scale_dn("row_noise", model.row_noise),
-            mosaic: match &self.mosaic {
-                Some(OneOf(choice)) => *draw.pick("sensor.mosaic", choice),
-                None => {
-                    let all = [Mosaic::Rggb, Mosaic::Bggr, Mosaic::Grbg, Mosaic::Gbrg];
-                    *draw.pick("sensor.mosaic", &all.to_vec().into())
-                }
-            },
+            mosaic: self.drawn_mosaic(draw),
             white_balance: drawn_white_balance(&model, draw),
             white_balance_error: [0, 1, 2]
                 .map(|c| value(&format!("white_balance_error[{c}]"), &self.white_balance_error[c])),
@@ -241,6 +235,12 @@ impl SensorRecipe {
         };
         let model = known[&name].clone();
         (Some(name), model)
+    }
+
+    fn drawn_mosaic(&self, draw: Draw<'_>) -> Mosaic {
+        let all = || vec![Mosaic::Rggb, Mosaic::Bggr, Mosaic::Grbg, Mosaic::Gbrg].into();
+        let choice = self.mosaic.as_ref().map_or_else(all, |OneOf(choice)| choice.clone());
+        *draw.pick("sensor.mosaic", &choice)
     }
 
     fn drawn_tone(&self, draw: Draw<'_>) -> Tone {

@@ -1,5 +1,7 @@
 //! `[sources.NAME]` of a recipe: a set of photographs.
 
+use super::sketch::SketchRecipe;
+use procedural::Place;
 use render::line::{
     DepthKind, DepthRange, Fill, Highlights, Intrinsics, Orientation, Transfer, one,
 };
@@ -19,6 +21,8 @@ pub enum Layout {
     Places,
     /// A list of photographs, one JSON object per line.
     List,
+    /// A tree of pictures without depth.
+    Folder,
 }
 
 impl fmt::Display for Layout {
@@ -28,6 +32,7 @@ impl fmt::Display for Layout {
             Self::Sample => "sample",
             Self::Places => "places",
             Self::List => "list",
+            Self::Folder => "folder",
         })
     }
 }
@@ -53,6 +58,12 @@ pub struct Source {
     /// `list` only: path of the list, relative to the recipe. Default: `photographs.jsonl` in the root. The lines of
     /// the list have the keys below, except `depth_root`, for each photograph.
     pub list: Option<String>,
+    /// `folder` only: the assumed shape of the pictures. Default `"sketch"`.
+    pub depth: Option<SketchRecipe>,
+    /// `folder` only: the place of all pictures, `"indoors"` or `"outdoor"`. Default: that which a folder's name tells.
+    pub place: Option<Place>,
+    /// `folder` only: field of view of the longer side, degrees. Default: from the EXIF focal length, or 65.
+    pub field_of_view_deg: Option<f64>,
     /// Capture camera. Default: the camera of DIODE, which fits images of the same field of view.
     #[serde(default = "Intrinsics::diode")]
     pub intrinsics: Intrinsics,

@@ -12,9 +12,12 @@ const MAX_SAMPLES: u32 = 1_000_000;
 impl Source {
     /// Checks the source; `key` is the place of the source in the recipe.
     pub(super) fn check(&self, key: &str) -> Result<(), RecipeError> {
-        use Layout::{Diode, List, Places, Sample};
-        let keys: [(&str, bool, &[Layout]); 9] = [
-            ("root", self.root.is_some(), &[Diode, Places, List]),
+        use Layout::{Diode, Folder, List, Places, Sample};
+        let keys: [(&str, bool, &[Layout]); 12] = [
+            ("root", self.root.is_some(), &[Diode, Places, List, Folder]),
+            ("depth", self.depth.is_some(), &[Folder]),
+            ("place", self.place.is_some(), &[Folder]),
+            ("field_of_view_deg", self.field_of_view_deg.is_some(), &[Folder]),
             ("list", self.list.is_some(), &[List]),
             ("depth_ranges", self.depth_ranges.is_some(), &[Places]),
             ("depth_root", self.depth_root.is_some(), &[Places]),
@@ -40,6 +43,9 @@ impl Source {
         }
         if self.layout == List {
             self.check_list(key)?;
+        }
+        if self.layout == Folder {
+            self.check_folder(key)?;
         }
         if self.layout == Sample {
             match self.count {
@@ -82,6 +88,34 @@ impl Source {
         }
         for (name, value) in numbers {
             within(&format!("{key}.{name}"), &Param::Constant(value))?;
+        }
+        Ok(())
+    }
+
+    /// Checks the keys of a folder, and rejects those of depth images.
+    fn check_folder(&self, key: &str) -> Result<(), RecipeError> {
+        let keys = [
+            ("intrinsics", self.intrinsics != Intrinsics::diode(), "give field_of_view_deg"),
+            ("transfer", self.transfer != Transfer::default(), "the file's ending tells it"),
+            ("depth_unit_m", self.depth_unit_m != 1.0, "give depth"),
+            ("depth_kind", self.depth_kind != DepthKind::default(), "give depth"),
+        ];
+        for (name, given, instead) in keys {
+            if given {
+                return bad(
+                    &format!("{key}.{name}"),
+                    format!("does not belong to layout \"folder\": {instead}"),
+                );
+            }
+        }
+        let numbers = self.depth.clone().unwrap_or_default().params(key);
+        let view = self.field_of_view_deg.map(Param::Constant);
+        let view = view.map(|view| (format!("{key}.field_of_view_deg"), view));
+        for (key, param) in numbers.into_iter().chain(view) {
+            if param == Param::FromSource {
+                return bad(&key, "is from_source, but pictures have no records: give a number");
+            }
+            within(&key, &param)?;
         }
         Ok(())
     }

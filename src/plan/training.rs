@@ -223,7 +223,7 @@ pub struct TrainSettings {
     /// The camera of composed examples and of mixtures, with the keys of a recipe's `[sensor]`, in place of
     /// `composition.camera`. Each example draws its numbers. Its exposure is used only if that of `composition` is `of_tuple`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub sensor: Option<SensorRecipe>,
+    pub sensor: Option<Box<SensorRecipe>>,
     /// Files of a tuple that contain the pixels.
     pub pixels: PixelSource,
     /// Share of steps with real photographs, from 0 to 1.

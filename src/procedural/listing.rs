@@ -1,5 +1,6 @@
 //! The photographs of a procedural set and their paths.
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -8,7 +9,7 @@ const SCANS_PER_SCENE: u32 = 3;
 const VIEWS_PER_SCAN: u32 = 2;
 
 /// Kind of place, as in DIODE.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Place {
     /// Rooms: depths of a few metres, daylight through windows, lamps.

@@ -145,11 +145,10 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
         let picture = compose::decode_picture(Path::new(name), bytes);
         let picture = shrunk(picture.map_err(|e| wrong(e.to_string()))?, THUMBNAIL_PX);
         let tag = img(&picture, &format!("{name} of {id}")).map_err(wrong)?;
-        let symbol = match photographed_layer(name) {
-            Some(layer) => format!("{} photographed", PAPER_SYMBOLS[layer]),
-            None => String::new(),
-        };
-        figures.push(figure(&tag, &symbol, name, None));
+        if let Some(layer) = photographed_layer(name) {
+            let symbol = format!("{} photographed", PAPER_SYMBOLS[layer]);
+            figures.push(figure(&tag, &symbol, layer.name(), None));
+        }
     }
     if line.film.layers.labels() != LabelSet::default() {
         let wrong = |reason: String| damaged(format!("tuple.exr cannot be read: {reason}"));

@@ -112,7 +112,7 @@ pub use srgb_planes::{bytes_of_planes, planes_of_bytes, planes_of_linear};
 pub use unet::Unet;
 pub use validation::Validated;
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};
-pub use vgg_file::{Features, FeaturesError};
+pub use vgg_file::{Features, FeaturesError, read_weights};
 pub use work_size::WorkSize;
 
 #[cfg(test)]

@@ -56,6 +56,22 @@ impl Features {
     }
 }
 
+/// Reads all tensors of a `.safetensors` file, or of a `.pth` file, whose pickle is checked first.
+pub fn read_weights(
+    path: &Path,
+    bytes: &[u8],
+) -> Result<HashMap<String, Tensor>, candle_core::Error> {
+    if path.extension().is_some_and(|ending| ending == "safetensors") {
+        return candle_core::safetensors::load_buffer(bytes, &Device::Cpu);
+    }
+    let unusable = |reason: String| candle_core::Error::Msg(reason);
+    scan(path).map_err(unusable)?;
+    // candle's reader panics on some damaged files.
+    let read = || candle_core::pickle::read_all(path).map(|all| all.into_iter().collect());
+    std::panic::catch_unwind(read)
+        .unwrap_or_else(|_| Err(unusable("its pickle is damaged".to_owned())))
+}
+
 fn weights(path: &Path, bytes: &[u8]) -> Result<HashMap<String, Tensor>, candle_core::Error> {
     if path.extension().is_some_and(|ending| ending == "safetensors") {
         return candle_core::safetensors::load_buffer(bytes, &Device::Cpu);

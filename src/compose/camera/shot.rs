@@ -46,6 +46,7 @@ impl<'a> Shot<'a> {
     }
 
     /// Sets the instruction set. All yield the same bits.
+    #[must_use]
     pub fn with_isa(self, isa: Isa) -> Self {
         Self { isa, ..self }
     }
@@ -71,6 +72,7 @@ impl<'a> Shot<'a> {
     }
 
     /// Sets the size of the photographs, px, which must not exceed the film's.
+    #[must_use]
     pub(crate) fn resized(self, photograph_px: [usize; 2]) -> Self {
         Self { photograph_px, ..self }
     }

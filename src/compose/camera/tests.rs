@@ -72,9 +72,6 @@ fn variance_follows_the_signal() {
                 assert!(error.abs() < 0.01, "gain {gain_dn_per_e}, light {light}: {error}");
                 let allowed = 4.0 * (expected / PIXELS as f64).sqrt();
                 assert!((mean - 512.0 - signal).abs() < allowed, "{gain_dn_per_e} {light}: {mean}");
-                println!(
-                    "gain {gain_dn_per_e} signal {signal:.0} variance {variance:.2} ({error:+.4})"
-                );
             }
         }
     }
@@ -208,6 +205,9 @@ fn photographs_have_their_scale() {
     assert!(codes.iter().all(|code| (0.0..=1.0).contains(code)));
 }
 
+/// Photographs of one chart, for means and variances of each photosite.
+const SEEDS: u64 = 400;
+
 /// `tests/camera/twin.py` computes the camera of [`rich`] in double precision, from its description.
 #[test]
 fn a_twin_in_double_precision_agrees() {
@@ -223,10 +223,8 @@ fn a_twin_in_double_precision_agrees() {
     assert_eq!(tensors.tensor("codes").unwrap().shape(), [3, 36, 48]);
     let (codes, expected) = (shot.noiseless(&planes), of("codes"));
     let worst = codes.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    println!("codes without noise: at most {worst:e} apart");
     assert!(worst < 2e-5, "{worst}");
     // Means and variances of each photosite over seeds, as standard scores.
-    const SEEDS: u64 = 400;
     let (means, variances) = (of("mean_dn"), of("variance_dn"));
     let mut sums = vec![[0.0f64; 2]; means.len()];
     for seed in 0..SEEDS {
@@ -248,7 +246,6 @@ fn a_twin_in_double_precision_agrees() {
         ratios += (squares / SEEDS as f64 - mean * mean) / variance;
     }
     let (score, ratio) = (scores / count, ratios / count);
-    println!("{count} photosites: squared scores {score:.3}, variance over the twin's {ratio:.4}");
     // Rows share a number, so scores of a row are not independent.
     assert!(count > 2500.0 && (score - 1.0).abs() < 0.1 && (ratio - 1.0).abs() < 0.01);
 }
@@ -299,42 +296,3 @@ const GOLDEN: [&str; 10] = [
     "20fed7edbccd08fe",
     "e0092f799db92b75",
 ];
-
-#[test]
-#[ignore = "prints times"]
-fn times() {
-    for size in [[256, 256], [1024, 1024]] {
-        let planes = chart(size);
-        let sensor = Sensor { scale: 1.0, ..rich() };
-        for (name, light) in [("bright", 1.0f32), ("dark", 0.02)] {
-            let planes: Vec<f32> = planes.iter().map(|v| v * light).collect();
-            let sensor =
-                Sensor { exposure: SensorExposure::Factor { factor: 1.0 }, ..sensor.clone() };
-            let time = |what: &str, f: &mut dyn FnMut()| {
-                let mut times: Vec<f64> = (0..15)
-                    .map(|_| {
-                        let t = std::time::Instant::now();
-                        f();
-                        t.elapsed().as_secs_f64() * 1e3
-                    })
-                    .collect();
-                times.sort_by(f64::total_cmp);
-                println!("{name} {size:?} {what}: {:.3} ms", times[7]);
-            };
-            time("new", &mut || {
-                std::hint::black_box(Shot::new(&sensor, &planes, size));
-            });
-            let shot = Shot::new(&sensor, &planes, size);
-            time("expose", &mut || {
-                std::hint::black_box(shot.expose(&planes, 1));
-            });
-            let numbers = shot.expose(&planes, 1);
-            time("develop", &mut || {
-                std::hint::black_box(shot.develop(&numbers));
-            });
-            time("noiseless", &mut || {
-                std::hint::black_box(shot.noiseless(&planes));
-            });
-        }
-    }
-}

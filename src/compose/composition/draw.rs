@@ -1,9 +1,9 @@
 //! The numbers of one example, drawn from the settings' distributions.
 
 use super::mixture::DrawnZhang;
-use super::sensor::DrawnSensor;
 use super::settings::{Camera, Composition, Exposure, LogNormal, Strength};
 use crate::random::Stream;
+use render::line::Sensor;
 
 /// The numbers of one example.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,6 +76,14 @@ pub struct DrawnCamera {
     pub jpeg_quality: Option<u8>,
 }
 
+/// The sensor of one example.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DrawnSensor {
+    pub sensor: Sensor,
+    /// Seed of its noise.
+    pub seed: u64,
+}
+
 impl Draw {
     /// Draws an example's numbers. Settings must be valid.
     pub fn new(settings: &Composition, stream: &mut Stream) -> Self {
@@ -131,6 +139,15 @@ impl Draw {
         }
     }
 
+    /// Replaces the simple camera. Crops grow by the sensor's scale, so that photographs show the same part of the tuple.
+    #[must_use]
+    pub fn with_sensor(mut self, sensor: Sensor, seed: u64) -> Self {
+        self.camera = None;
+        self.front_scale /= sensor.scale;
+        self.reflection_scale /= sensor.scale;
+        self.sensor = Some(DrawnSensor { sensor, seed });
+        self
+    }
     /// True if an example of one tuple and of crops of its own size has the tuple's bits.
     pub(super) fn changes_nothing(&self) -> bool {
         let factors = self.white_balance.iter().chain(&self.reflection_white_balance);

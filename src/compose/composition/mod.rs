@@ -29,12 +29,11 @@ mod settings;
 
 pub use code::srgb_code;
 pub use cut::Cut;
-pub use draw::{Draw, DrawnCamera, DrawnExposure, DrawnStrength};
+pub use draw::{Draw, DrawnCamera, DrawnExposure, DrawnSensor, DrawnStrength};
 pub use example::{ComposedExample, Layering, LinearExample, Side};
 pub(crate) use exposure::brightest;
 pub use layers::{LUMINANCE, Layer, LinearTuple, TupleLayers};
 pub use mixture::DrawnZhang;
-pub use sensor::DrawnSensor;
 pub use settings::{
     Camera, Composition, CompositionError, Exposure, LogNormal, Mixtures, PercentileExposure,
     Strength,

@@ -1,32 +1,12 @@
 //! A calibrated sensor in place of the simple camera.
 
-use super::draw::Draw;
+use super::draw::DrawnSensor;
 use super::example::{ComposedExample, LinearExample};
 use crate::camera::Shot;
 use crate::curve::Curve;
 use crate::jpeg::{decode_jpeg, encode_jpeg, of_rgb8, to_rgb8};
 use image::error::{EncodingError, ImageFormatHint};
 use image::{ImageError, ImageFormat, ImageResult};
-use render::line::Sensor;
-
-/// The sensor of one example.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DrawnSensor {
-    pub sensor: Sensor,
-    /// Seed of its noise.
-    pub seed: u64,
-}
-
-impl Draw {
-    /// Replaces the simple camera. Crops grow by the sensor's scale, so that photographs show the same part of the tuple.
-    pub fn with_sensor(mut self, sensor: Sensor, seed: u64) -> Self {
-        self.camera = None;
-        self.front_scale /= sensor.scale;
-        self.reflection_scale /= sensor.scale;
-        self.sensor = Some(DrawnSensor { sensor, seed });
-        self
-    }
-}
 
 impl DrawnSensor {
     /// Returns the side of the film for a photograph of `side_px`. The smallest crop, `crop_px`, bounds it.
@@ -54,7 +34,7 @@ impl DrawnSensor {
         Ok(example)
     }
 
-    /// As [`Draw::example`] with a sensor, without rounding to 8 bits and JPEG.
+    /// As [`super::Draw::example`] with a sensor, without rounding to 8 bits and JPEG.
     pub fn before_jpeg(
         &self,
         linear: LinearExample,
@@ -70,7 +50,9 @@ impl DrawnSensor {
         let shot = shot.resized([side_px; 2]);
         let clean_reflection = linear.clean_reflection.map(|mut planes| {
             let factor = shot.factor() as f32;
-            planes.iter_mut().for_each(|value| *value *= factor);
+            for value in &mut planes {
+                *value *= factor;
+            }
             Curve::of(sensor.tone).apply(&mut planes);
             shot.finish(planes)
         });

@@ -12,6 +12,14 @@ pub enum LineError {
     OutOfRange { field: String, value: f64, allowed: &'static str },
     #[error("{field} is empty, but must be the path of a file")]
     EmptyPath { field: String },
+    #[error(
+        "{side} has neither depth nor sketch: give the path of a depth image, or assume a shape"
+    )]
+    NoShape { side: String },
+    #[error(
+        "{side}.sketch is given together with {side}.{key}, which belongs to a depth image: remove one"
+    )]
+    SketchAndDepth { side: String, key: &'static str },
     /// A relative depth without a range, or a metric depth with a range.
     #[error(
         "{}",

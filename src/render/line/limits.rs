@@ -112,7 +112,10 @@ fn row(key: &str) -> Option<Limit> {
         "intrinsics.size" => Limit::between(1.0, 4_294_967_295.0, "at least 1 px"),
         // The tracer accepts coordinates up to this limit.
         "pose.translation_m" => Limit::between(-1.0e7, 1.0e7, "-1e7 to 1e7"),
-        "depth_m" => RELATIVE_DEPTH_M,
+        "depth_m" | "plane_m" | "wall_m" => RELATIVE_DEPTH_M,
+        "camera_height_m" => Limit::between(0.01, 1000.0, "0.01 to 1000 m"),
+        "horizon" => SHARE,
+        "field_of_view_deg" => Limit::between(1.0, 170.0, "1 to 170 degrees"),
         "yaw_deg" => Limit::between(-360.0, 360.0, "-360 to 360 degrees"),
         "pitch_deg" => Limit::between(-90.0, 90.0, "-90 to 90 degrees"),
         _ => return key.strip_prefix("sensor.").and_then(row_of_sensor),

@@ -6,6 +6,7 @@ use super::highlights::Highlights;
 use super::image::{
     Apex, DepthKind, Fill, Intrinsics, Orientation, Transfer, is_default, is_white, one, white,
 };
+use super::sketch::Sketch;
 use serde::{Deserialize, Serialize};
 
 /// An RGBD photograph: the radiance and the shape of one side.
@@ -14,8 +15,12 @@ use serde::{Deserialize, Serialize};
 pub struct Photograph {
     /// Path of the colour image: relative to the manifest, or `NAME:path` under a named root.
     pub color: String,
-    /// Path of the depth image.
+    /// Path of the depth image; empty with a `sketch`.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub depth: String,
+    /// Assumed shape in place of a depth image.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sketch: Option<Sketch>,
     /// Path of the mask; 0 marks invalid pixels. Without a mask, every finite depth above 0 is valid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask: Option<String>,

@@ -185,7 +185,8 @@ impl Side {
     pub fn paths(&self) -> Vec<(Cow<'static, str>, &str)> {
         let mut paths: Vec<(&'static str, &str)> = match self {
             Self::Photograph(p) => {
-                [("color", Some(&p.color)), ("depth", Some(&p.depth)), ("mask", p.mask.as_ref())]
+                let depth = p.sketch.is_none().then_some(&p.depth);
+                [("color", Some(&p.color)), ("depth", depth), ("mask", p.mask.as_ref())]
                     .into_iter()
                     .filter_map(|(key, path)| Some((key, path?.as_str())))
                     .collect()
@@ -210,7 +211,8 @@ impl Side {
     pub fn paths_mut(&mut self) -> Vec<&mut String> {
         let (mut paths, cards) = match self {
             Self::Photograph(p) => {
-                let of_side = [Some(&mut p.color), Some(&mut p.depth), p.mask.as_mut()];
+                let depth = p.sketch.is_none().then_some(&mut p.depth);
+                let of_side = [Some(&mut p.color), depth, p.mask.as_mut()];
                 (of_side.into_iter().flatten().collect(), &mut p.cards)
             }
             Self::Panorama(p) => {

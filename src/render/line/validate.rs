@@ -5,6 +5,7 @@ use super::coating;
 use super::depth_range;
 use super::error::{LineError, all_within};
 use super::glass::{Glass, GlassLayer};
+use super::image::DepthKind;
 use super::panorama::{PanoramaDepth, PanoramaFile};
 use super::photograph::Photograph;
 use super::scene_line::{Focus, SCENE_SCHEMA, SceneLine};
@@ -194,6 +195,9 @@ fn cards(side: &str, cards: &[Card]) -> Result<(), LineError> {
 /// Checks the paths and numbers of one side. Errors call the side `name`.
 pub fn side(name: &str, side: &Side) -> Result<(), LineError> {
     for (key, path) in side.paths() {
+        if path.is_empty() && key == "depth" {
+            return Err(LineError::NoShape { side: name.to_owned() });
+        }
         if path.is_empty() {
             return Err(LineError::EmptyPath { field: format!("{name}.{key}") });
         }
@@ -209,6 +213,7 @@ pub fn side(name: &str, side: &Side) -> Result<(), LineError> {
 }
 
 fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
+    shape(side, photograph)?;
     let camera = &photograph.intrinsics;
     let size = camera.size.map(|size| size.map(f64::from));
     all_within(
@@ -226,6 +231,24 @@ fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
         highlights.validate(&format!("{side}.highlights"), photograph.transfer)?;
     }
     depth_range::check(side, photograph.depth_kind, photograph.depth_range.as_ref())
+}
+
+/// Checks that a photograph has a depth image or a sketch, and that nothing describes a depth image beside a sketch.
+fn shape(side: &str, photograph: &Photograph) -> Result<(), LineError> {
+    let Some(sketch) = &photograph.sketch else {
+        return Ok(());
+    };
+    let of_depth = [
+        ("depth", !photograph.depth.is_empty()),
+        ("mask", photograph.mask.is_some()),
+        ("depth_unit_m", photograph.depth_unit_m != 1.0),
+        ("depth_kind", photograph.depth_kind != DepthKind::default()),
+        ("depth_range", photograph.depth_range.is_some()),
+    ];
+    if let Some((key, _)) = of_depth.into_iter().find(|(_, is_given)| *is_given) {
+        return Err(LineError::SketchAndDepth { side: side.to_owned(), key });
+    }
+    sketch.check(side)
 }
 
 fn panorama(side: &str, panorama: &PanoramaFile) -> Result<(), LineError> {

@@ -4,6 +4,7 @@ use super::cache::PhotographCache;
 use super::card::decode_card;
 use super::facts::order_facts;
 use super::panorama::decode_panorama;
+use super::sketch;
 use super::smudges::{SmudgeMap, decode_map};
 use super::window::Sight;
 use super::{AssembleError, Decoded, DecodedSide, SceneFacts, assemble_decoded, decode_mesh};
@@ -115,11 +116,15 @@ pub fn read_files_by(
     };
     let side = |side: &Side| -> Result<SideFiles, LoadError> {
         Ok(match side {
-            Side::Photograph(p) => SideFiles::Photograph(PhotographFiles {
-                color: named(&p.color)?,
-                depth: named(&p.depth)?,
-                mask: p.mask.as_deref().map(named).transpose()?,
-            }),
+            Side::Photograph(p) => {
+                let color = named(&p.color)?;
+                let depth = match &p.sketch {
+                    Some(sketch) => sketch::depth_file(p, sketch, &color)?,
+                    None => named(&p.depth)?,
+                };
+                let mask = p.mask.as_deref().map(named).transpose()?;
+                SideFiles::Photograph(PhotographFiles { color, depth, mask })
+            }
             Side::Panorama(p) => SideFiles::Panorama(PanoramaFiles {
                 panorama: named(&p.panorama)?,
                 depth: match &p.depth {

@@ -41,6 +41,7 @@ mod panorama;
 mod photograph;
 mod place;
 mod relative;
+mod sketch;
 mod smudges;
 mod surface;
 mod transfer;

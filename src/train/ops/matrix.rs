@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 
 /// A matrix in a slice, with arbitrary strides.
 #[derive(Clone, Copy)]
-pub(super) struct Mat<'a> {
+pub struct Mat<'a> {
     values: &'a [f32],
     pub(super) rows: usize,
     pub(super) columns: usize,
@@ -15,19 +15,14 @@ pub(super) struct Mat<'a> {
 
 impl<'a> Mat<'a> {
     /// Returns a row-major matrix; `row_stride` is the distance between rows.
-    pub(super) fn by_rows(
-        values: &'a [f32],
-        rows: usize,
-        columns: usize,
-        row_stride: usize,
-    ) -> Self {
+    pub fn by_rows(values: &'a [f32], rows: usize, columns: usize, row_stride: usize) -> Self {
         let matrix = Self { values, rows, columns, row_stride, column_stride: 1 };
         assert!(matrix.end() <= values.len(), "the matrix exceeds its slice");
         matrix
     }
 
     /// Returns the transpose, which shares the slice.
-    pub(super) fn transposed(self) -> Self {
+    pub fn transposed(self) -> Self {
         Self {
             rows: self.columns,
             columns: self.rows,
@@ -47,7 +42,7 @@ impl<'a> Mat<'a> {
 }
 
 /// A writable row-major matrix or a block of its columns, borrowed exclusively.
-pub(super) struct MatMut<'a> {
+pub struct MatMut<'a> {
     start: *mut f32,
     pub(super) rows: usize,
     pub(super) columns: usize,
@@ -59,14 +54,19 @@ pub(super) struct MatMut<'a> {
 unsafe impl Send for MatMut<'_> {}
 
 impl<'a> MatMut<'a> {
+    /// Returns the number of columns.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
     /// Returns the start of a slice as a whole row-major matrix.
-    pub(super) fn whole(values: &'a mut [f32], rows: usize, columns: usize) -> Self {
+    pub fn whole(values: &'a mut [f32], rows: usize, columns: usize) -> Self {
         assert!(rows * columns <= values.len(), "the matrix exceeds its slice");
         Self { start: values.as_mut_ptr(), rows, columns, row_stride: columns, _of: PhantomData }
     }
 
     /// Splits a row-major matrix into blocks of `width` columns for parallel writers. The last block may be narrower.
-    pub(super) fn column_blocks(
+    pub fn column_blocks(
         values: &'a mut [f32],
         rows: usize,
         columns: usize,
@@ -89,7 +89,7 @@ impl<'a> MatMut<'a> {
 }
 
 /// Computes `out = a b`, or `out += a b` if `add`. The order of sums depends only on the shapes and gemm's CPU kernel.
-pub(super) fn product(out: &mut MatMut, a: Mat, b: Mat, add: bool) {
+pub fn product(out: &mut MatMut, a: Mat, b: Mat, add: bool) {
     assert!(out.rows == a.rows && a.columns == b.rows && b.columns == out.columns, "wrong shapes");
     // SAFETY: the constructors check that every matrix ends within its slice, `out` borrows its elements exclusively,
     // and the strides are those of the matrices.

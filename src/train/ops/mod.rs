@@ -34,6 +34,7 @@ pub use bound::{bounded, brightened};
 pub use convolve::{conv2d, conv2d_bias_leaky};
 pub use difference::{absolute, mean_absolute_difference};
 pub use halve::{double_and_join, mean_pool2, pad_to_multiple, shuffle2, unshuffle2};
+pub use matrix::{Mat, MatMut, product};
 pub use norm::{NormOptions, channel_statistics, norm_act};
 pub use pool::max_pool2;
 pub use resize::{Sampling, bilinear, bilinear_at};
@@ -43,7 +44,7 @@ pub use window::Window;
 use candle_core::{CpuStorage, Layout, Result};
 
 /// Returns the values of a contiguous f32 tensor.
-pub(crate) fn values<'a>(op: &str, storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
+pub fn values<'a>(op: &str, storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
     let Some((start, end)) = layout.contiguous_offsets() else {
         candle_core::bail!("{op}: the tensor is not contiguous");
     };

@@ -11,6 +11,8 @@ pub enum Sampling {
     Centres,
     /// The first pixels coincide, and position k is k times the ratio of the sizes (TensorFlow 1).
     Corners,
+    /// First and last pixels coincide (PyTorch's `align_corners=True`).
+    Aligned,
 }
 
 /// Resizes a (batch, channels, rows, columns) f32 tensor bilinearly, with pixel centres at halves and clamping at the
@@ -61,6 +63,8 @@ fn taps(from: usize, to: usize, sampling: Sampling) -> Vec<(usize, usize, f32)> 
         let at = match sampling {
             Sampling::Centres => ((place as f64 + 0.5) * scale - 0.5).max(0.0),
             Sampling::Corners => place as f64 * scale,
+            Sampling::Aligned if to == 1 => 0.0,
+            Sampling::Aligned => place as f64 * ((from - 1) as f64 / (to - 1) as f64),
         };
         let first = (at as usize).min(from - 1);
         (first, (first + 1).min(from - 1), (at - first as f64) as f32)

@@ -34,6 +34,7 @@ struct Terrain {
 /// Makes a sheet from a depth image (0 marks a hole) with the program's own decoder and hole filler.
 fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
     let line = Photograph {
+        sketch: None,
         color: "edges.png".to_owned(),
         depth: "edges.npy".to_owned(),
         mask: None,

@@ -1,0 +1,381 @@
+//! Layers of a transformer. On the CPU, they are faster than candle's: sums over rows are fused, and attention never stores
+//! the scores of all tokens.
+//!
+//! Other devices use candle operations.
+
+use rayon::prelude::*;
+use render::trace::Isa;
+use train::candle_core::{
+    CpuStorage, CustomOp2, CustomOp3, D, Layout, Result, Shape, Tensor, bail,
+};
+use train::ops::{Mat, MatMut, product, values};
+
+/// Columns of a product that one thread computes.
+const BLOCK_COLUMNS: usize = 192;
+/// Queries whose scores are in memory together, for each thread.
+const BLOCK_QUERIES: usize = 96;
+/// Added to the variance in a norm, as in DINOv2.
+const EPSILON: f64 = 1e-6;
+
+/// Computes x W^T + b of x (rows, in), W (out, in), b (out).
+pub(crate) fn linear(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
+    if x.device().is_cpu() {
+        return x.contiguous()?.apply_op3(weight, bias, Linear { gelu: false });
+    }
+    x.matmul(&weight.t()?)?.broadcast_add(bias)
+}
+
+/// Computes GELU(x W^T + b), with the error function.
+pub(crate) fn linear_gelu(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
+    if x.device().is_cpu() {
+        return x.contiguous()?.apply_op3(weight, bias, Linear { gelu: true });
+    }
+    x.matmul(&weight.t()?)?.broadcast_add(bias)?.gelu_erf()
+}
+
+/// Normalises each row to mean 0 and variance 1, then multiplies by `weight` and adds `bias`.
+pub(crate) fn layer_norm(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
+    if x.device().is_cpu() {
+        return x.contiguous()?.apply_op3(weight, bias, LayerNorm);
+    }
+    let centred = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
+    let variance = centred.sqr()?.mean_keepdim(D::Minus1)?;
+    let normed = centred.broadcast_div(&(variance + EPSILON)?.sqrt()?)?;
+    normed.broadcast_mul(weight)?.broadcast_add(bias)
+}
+
+/// Computes x + y * scale, with one scale for each column.
+pub(crate) fn add_scaled(x: &Tensor, y: &Tensor, scale: &Tensor) -> Result<Tensor> {
+    if x.device().is_cpu() {
+        return x.contiguous()?.apply_op3(&y.contiguous()?, scale, AddScaled);
+    }
+    x + y.broadcast_mul(scale)?
+}
+
+/// Computes softmax(q k^T / sqrt(d)) v of each head, from rows of queries, keys and values (tokens, 3 width) to (tokens, width).
+pub(crate) fn attention(qkv: &Tensor, heads: usize) -> Result<Tensor> {
+    let (tokens, thrice) = qkv.dims2()?;
+    let (width, size) = (thrice / 3, thrice / 3 / heads);
+    if qkv.device().is_cpu() {
+        // candle has no operation of one tensor and a number with another shape than an op of two.
+        let none = Tensor::zeros(1, qkv.dtype(), qkv.device())?;
+        return qkv.contiguous()?.apply_op2(&none, Attention { heads });
+    }
+    let part = |k: usize| {
+        let part = qkv.narrow(1, k * width, width)?;
+        part.reshape((tokens, heads, size))?.transpose(0, 1)?.contiguous()
+    };
+    let [q, k, v] = [part(0)?, part(1)?, part(2)?];
+    let scores = (q.matmul(&k.t()?.contiguous()?)? * (1.0 / (size as f64).sqrt()))?;
+    let weights = scores.broadcast_sub(&scores.max_keepdim(D::Minus1)?)?.exp()?;
+    let weights = weights.broadcast_div(&weights.sum_keepdim(D::Minus1)?)?;
+    weights.matmul(&v)?.transpose(0, 1)?.contiguous()?.reshape((tokens, width))
+}
+
+struct Linear {
+    gelu: bool,
+}
+
+impl CustomOp3 for Linear {
+    fn name(&self) -> &'static str {
+        "linear"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        of_x: &Layout,
+        weight: &CpuStorage,
+        of_weight: &Layout,
+        bias: &CpuStorage,
+        of_bias: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let ((rows, inner), (columns, of)) = (of_x.shape().dims2()?, of_weight.shape().dims2()?);
+        if inner != of || of_bias.shape().elem_count() != columns {
+            bail!("linear: {:?} does not fit {:?}", of_weight.shape(), of_x.shape());
+        }
+        let x = values("linear", x, of_x)?;
+        let weight = values("linear", weight, of_weight)?;
+        let bias = values("linear", bias, of_bias)?;
+        let mut out = vec![0.0f32; rows * columns];
+        let blocks = MatMut::column_blocks(&mut out, rows, columns, BLOCK_COLUMNS);
+        let x = Mat::by_rows(x, rows, inner, inner);
+        blocks.into_par_iter().enumerate().for_each(|(block, mut out)| {
+            let first = block * BLOCK_COLUMNS;
+            let weight = &weight[first * inner..];
+            let matrix = Mat::by_rows(weight, out.columns(), inner, inner).transposed();
+            product(&mut out, x, matrix, false);
+        });
+        let isa = Isa::detect();
+        out.par_chunks_exact_mut(columns.max(1)).for_each(|row| {
+            add(row, bias);
+            if self.gelu {
+                by_isa(isa, gelu, gelu_avx2, row);
+            }
+        });
+        Ok((CpuStorage::F32(out), Shape::from((rows, columns))))
+    }
+}
+
+fn add(row: &mut [f32], bias: &[f32]) {
+    for (value, bias) in row.iter_mut().zip(bias) {
+        *value += bias;
+    }
+}
+
+struct LayerNorm;
+
+impl CustomOp3 for LayerNorm {
+    fn name(&self) -> &'static str {
+        "layer_norm"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        of_x: &Layout,
+        weight: &CpuStorage,
+        of_weight: &Layout,
+        bias: &CpuStorage,
+        of_bias: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (rows, columns) = of_x.shape().dims2()?;
+        let mut out = values("layer_norm", x, of_x)?.to_vec();
+        let weight = values("layer_norm", weight, of_weight)?;
+        let bias = values("layer_norm", bias, of_bias)?;
+        out.par_chunks_exact_mut(columns.max(1)).for_each(|row| {
+            let mean = sum(row, |value| value) / columns as f32;
+            let variance = sum(row, |value| (value - mean) * (value - mean)) / columns as f32;
+            let scale = 1.0 / (variance + EPSILON as f32).sqrt();
+            for ((value, weight), bias) in row.iter_mut().zip(weight).zip(bias) {
+                *value = (*value - mean) * scale * weight + bias;
+            }
+        });
+        Ok((CpuStorage::F32(out), Shape::from((rows, columns))))
+    }
+}
+
+/// Adds the values of a function in eight interleaved sums.
+fn sum(row: &[f32], of: impl Fn(f32) -> f32) -> f32 {
+    let mut sums = [0.0f32; 8];
+    for part in row.chunks(8) {
+        for (sum, value) in sums.iter_mut().zip(part) {
+            *sum += of(*value);
+        }
+    }
+    sums.iter().sum()
+}
+
+struct AddScaled;
+
+impl CustomOp3 for AddScaled {
+    fn name(&self) -> &'static str {
+        "add_scaled"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        of_x: &Layout,
+        y: &CpuStorage,
+        of_y: &Layout,
+        scale: &CpuStorage,
+        of_scale: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (rows, columns) = of_x.shape().dims2()?;
+        let mut out = values("add_scaled", x, of_x)?.to_vec();
+        let y = values("add_scaled", y, of_y)?;
+        let scale = values("add_scaled", scale, of_scale)?;
+        let rows_of_y = y.par_chunks_exact(columns.max(1));
+        out.par_chunks_exact_mut(columns.max(1)).zip(rows_of_y).for_each(|(row, y)| {
+            for ((value, y), scale) in row.iter_mut().zip(y).zip(scale) {
+                *value += y * scale;
+            }
+        });
+        Ok((CpuStorage::F32(out), Shape::from((rows, columns))))
+    }
+}
+
+struct Attention {
+    heads: usize,
+}
+
+impl CustomOp2 for Attention {
+    fn name(&self) -> &'static str {
+        "attention"
+    }
+
+    fn cpu_fwd(
+        &self,
+        qkv: &CpuStorage,
+        of_qkv: &Layout,
+        _: &CpuStorage,
+        _: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (tokens, thrice) = of_qkv.shape().dims2()?;
+        let width = thrice / 3;
+        let size = width / self.heads;
+        let qkv = values("attention", qkv, of_qkv)?;
+        let isa = Isa::detect();
+        let scale = 1.0 / (size as f32).sqrt();
+        // Keys and values of each head, and blocks of its queries.
+        let tasks: Vec<(usize, usize)> = (0..self.heads)
+            .flat_map(|head| (0..tokens).step_by(BLOCK_QUERIES).map(move |first| (head, first)))
+            .collect();
+        let made: Vec<Vec<f32>> = tasks
+            .par_iter()
+            .map(|&(head, first)| {
+                let count = BLOCK_QUERIES.min(tokens - first);
+                let part = |k: usize, row: usize| &qkv[row * thrice + k * width + head * size..];
+                let queries = Mat::by_rows(part(0, first), count, size, thrice);
+                let keys = Mat::by_rows(part(1, 0), tokens, size, thrice);
+                let of_values = Mat::by_rows(part(2, 0), tokens, size, thrice);
+                let mut scores = vec![0.0f32; count * tokens];
+                let mut out = MatMut::whole(&mut scores, count, tokens);
+                product(&mut out, queries, keys.transposed(), false);
+                for row in scores.chunks_exact_mut(tokens) {
+                    for score in &mut *row {
+                        *score *= scale;
+                    }
+                    by_isa(isa, softmax, softmax_avx2, row);
+                }
+                let mut seen = vec![0.0f32; count * size];
+                let mut out = MatMut::whole(&mut seen, count, size);
+                product(&mut out, Mat::by_rows(&scores, count, tokens, tokens), of_values, false);
+                seen
+            })
+            .collect();
+        let mut out = vec![0.0f32; tokens * width];
+        for ((head, first), seen) in tasks.into_iter().zip(made) {
+            for (row, values) in seen.chunks_exact(size).enumerate() {
+                out[(first + row) * width + head * size..][..size].copy_from_slice(values);
+            }
+        }
+        Ok((CpuStorage::F32(out), Shape::from((tokens, width))))
+    }
+}
+
+/// Calls a function of a row, compiled for AVX2 where the machine has it.
+#[allow(unsafe_code, reason = "calls code of an instruction set that was detected")]
+fn by_isa(isa: Isa, plain: fn(&mut [f32]), wide: unsafe fn(&mut [f32]), row: &mut [f32]) {
+    match isa {
+        Isa::Baseline => plain(row),
+        // SAFETY: AVX2 and AVX-512 machines have AVX2; every processor with AVX2 that this program knows has FMA, too, but the
+        // functions do not use it.
+        Isa::Avx2 | Isa::Avx512 => unsafe { wide(row) },
+    }
+}
+
+#[allow(unsafe_code, reason = "an instruction set")]
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2"))]
+unsafe fn softmax_avx2(row: &mut [f32]) {
+    softmax(row);
+}
+
+#[allow(unsafe_code, reason = "an instruction set")]
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2"))]
+unsafe fn gelu_avx2(row: &mut [f32]) {
+    gelu(row);
+}
+
+/// Replaces scores by their softmax.
+#[inline(always)]
+fn softmax(row: &mut [f32]) {
+    let mut most = [f32::NEG_INFINITY; 8];
+    for part in row.chunks_exact(8) {
+        for (most, value) in most.iter_mut().zip(part) {
+            *most = if *value > *most { *value } else { *most };
+        }
+    }
+    let rest = row.chunks_exact(8).remainder();
+    let most = most.iter().chain(rest).fold(f32::NEG_INFINITY, |a, b| a.max(*b));
+    let mut sums = [0.0f32; 8];
+    for part in row.chunks_mut(8) {
+        for (sum, value) in sums.iter_mut().zip(part) {
+            *value = exp(*value - most);
+            *sum += *value;
+        }
+    }
+    let scale = 1.0 / sums.iter().sum::<f32>();
+    for value in row {
+        *value *= scale;
+    }
+}
+
+/// Replaces values x by x (1 + erf(x / sqrt 2)) / 2.
+#[inline(always)]
+fn gelu(row: &mut [f32]) {
+    for value in row {
+        *value = 0.5 * *value * (1.0 + erf(*value * std::f32::consts::FRAC_1_SQRT_2));
+    }
+}
+
+/// The error function within 2e-7 (Abramowitz and Stegun 7.1.26).
+#[inline(always)]
+fn erf(x: f32) -> f32 {
+    const C: [f32; 5] = [1.061_405_4, -1.453_152, 1.421_413_7, -0.284_496_74, 0.254_829_6];
+    let size = x.abs();
+    let t = 1.0 / (1.0 + 0.327_591_1 * size);
+    let series = ((((C[0] * t + C[1]) * t + C[2]) * t + C[3]) * t + C[4]) * t;
+    let value = 1.0 - series * exp(-size * size);
+    f32::from_bits(value.to_bits() | (x.to_bits() & 0x8000_0000))
+}
+
+/// e^x for x up to 0, within 1e-7 of the result; 0 below -87.
+#[inline(always)]
+fn exp(x: f32) -> f32 {
+    let x = if x < -87.0 { -87.0 } else { x };
+    // 2^k 2^f with k the nearest whole number; the sum with 1.5 * 2^23 rounds.
+    const ROUND: f32 = 12_582_912.0;
+    let power = x * std::f32::consts::LOG2_E;
+    let rounded = power + ROUND;
+    let whole = rounded - ROUND;
+    let rest = (x - whole * 0.693_359_4) + whole * 2.121_944_4e-4;
+    let series = 1.0
+        + rest
+            * (1.0
+                + rest
+                    * (0.5
+                        + rest
+                            * (0.166_666_55
+                                + rest
+                                    * (0.041_665_796
+                                        + rest * (0.008_333_452 + rest * 0.001_398_2)))));
+    let exponent = (rounded.to_bits() << 23).wrapping_add(127 << 23);
+    series * f32::from_bits(exponent)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn functions_are_near_those_of_libm() {
+        for k in 0..200_000 {
+            let x = -87.0 * k as f32 / 200_000.0;
+            let (found, exact) = (f64::from(exp(x)), f64::from(x).exp());
+            assert!((found / exact - 1.0).abs() < 3e-7, "{x}: {found} {exact}");
+        }
+        assert!(exp(-200.0) < 2e-38);
+        for (x, exact) in [(0.0, 0.0), (0.5, 0.520_499_88), (1.0, 0.842_700_8), (2.5, 0.999_593)] {
+            assert!((erf(x) - exact).abs() < 3e-7 && (erf(-x) + exact).abs() < 3e-7, "{x}");
+        }
+    }
+
+    #[test]
+    fn instruction_sets_agree() {
+        let values: Vec<f32> = (0..203).map(|k| ((k * 37) % 101) as f32 * 0.1 - 5.0).collect();
+        for (plain, wide) in [
+            (softmax as fn(&mut [f32]), softmax_avx2 as unsafe fn(&mut [f32])),
+            (gelu as fn(&mut [f32]), gelu_avx2 as unsafe fn(&mut [f32])),
+        ] {
+            let (mut a, mut b) = (values.clone(), values.clone());
+            by_isa(Isa::Baseline, plain, wide, &mut a);
+            by_isa(Isa::detect(), plain, wide, &mut b);
+            assert_eq!(a, b);
+        }
+        let mut row = values.clone();
+        softmax(&mut row);
+        assert!((row.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+    }
+}
