@@ -16,9 +16,9 @@
 //! This package runs the stages on one machine or on many. Its modules are in pipeline order, and each imports only
 //! modules above it. Only [`cli`] prints, exits and reads the environment.
 
-#[cfg(feature = "train")]
-pub use train;
 pub use {compose, plan, procedural, render};
+#[cfg(feature = "train")]
+pub use {depth, train};
 
 // Planning and running.
 pub mod store;
@@ -33,6 +33,10 @@ mod outputs;
 pub mod export;
 
 pub mod develop;
+
+// Inputs from other programs' networks.
+#[cfg(feature = "train")]
+pub mod estimate;
 
 // Reports, checks and benchmarks.
 mod text;

@@ -34,6 +34,13 @@ pub struct Config {
     pub position_side: usize,
 }
 
+impl Config {
+    /// Lists the names, as in `transformers`, and shapes of all tensors that the network uses.
+    pub fn tensors(&self) -> Vec<(String, Vec<usize>)> {
+        super::weights::shapes(self)
+    }
+}
+
 /// Side of a patch, px.
 pub(crate) const PATCH_PX: usize = 14;
 

@@ -60,6 +60,7 @@ kinds! {
     Written "written" "list of the files that commands wrote into a folder"
     Photographs "photographs" "photograph.json, the record of one scene's photographs"
     Developed "developed" "develop.json, the record of a folder of photographs"
+    DepthMaps "depth_maps" "depth.json, the record of a folder of depth maps"
     Raw "raw" "raw.dng, the numbers of a scene's sensor"
     Picture "picture" "picture"
     Array "array" ".npy array"
@@ -88,6 +89,7 @@ const SCHEMAS: &[(&str, Kind)] = &[
     ("glasshouse.finished/1", Kind::Finished),
     (crate::develop::PHOTOGRAPHS_SCHEMA, Kind::Photographs),
     (crate::develop::REQUEST_SCHEMA, Kind::Developed),
+    ("glasshouse.depth_maps/1", Kind::DepthMaps),
     ("glasshouse.checkpoint/1", Kind::CheckpointState),
     (crate::outputs::WRITTEN_SCHEMA, Kind::Written),
 ];

@@ -28,7 +28,7 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         Kind::Attempt => keys_of::<AttemptRecord>(&mut found, input),
         Kind::Receipt => keys_of::<Provenance>(&mut found, input),
         Kind::MadeBy => keys_of::<PartialsProvenance>(&mut found, input),
-        Kind::Finished | Kind::Best => keys_of::<IgnoredAny>(&mut found, input),
+        Kind::Finished | Kind::Best | Kind::DepthMaps => keys_of::<IgnoredAny>(&mut found, input),
         Kind::TrainRecipe => keys_of::<Trainings>(&mut found, input),
         Kind::Control => {
             let object = keys_of::<IgnoredAny>(&mut found, input);
@@ -175,6 +175,7 @@ fn to_do(kind: Kind) -> &'static str {
         Kind::Photographs | Kind::Developed => {
             "delete this folder: `glasshouse develop` makes it again"
         }
+        Kind::DepthMaps => "delete this folder: `glasshouse depth` makes it again",
         Kind::Receipt | Kind::MadeBy => "delete it: nothing depends on it",
         Kind::TrainRecipe => "plan the run again into a new folder",
         Kind::Recipe | Kind::DepthRanges => {

@@ -247,9 +247,9 @@ pub(super) fn from_recipe(
                     request,
                 )?
             } else if source.layout == Layout::Folder {
-                let found = index_folder(name, &folder, source, request.inputs)?;
-                notes.extend(found.notes);
-                found.index
+                let (index, remarks) = index_folder(name, &folder, source, request.inputs)?;
+                notes.extend(remarks);
+                index
             } else if source.layout == Layout::List {
                 let list = match &source.list {
                     Some(list) => parent(path).join(list),

@@ -4,12 +4,14 @@
 //! sub-folders, or is stated.
 
 use super::diode::{Index, IndexError, SourceImage, files_below};
-use super::inputs::InputFiles;
+use super::inputs::{InputFiles, StoreUnavailable};
 use super::source::Source;
 use procedural::Place;
 use render::formats::{NamedBytes, PictureSize};
 use render::input_file::InputFile;
-use render::line::{Apex, Intrinsics, Photograph, Sketch, Transfer, is_url};
+use render::line::{
+    DepthKind, Fill, Intrinsics, Orientation, Photograph, Sketch, Transfer, is_url,
+};
 use render::scene::{FileEnds, FileRole, Look, look, look_at_whole};
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Read};
@@ -31,10 +33,78 @@ const ENDINGS: [(&str, Transfer); 5] = [
     ("hdr", Transfer::Linear),
 ];
 
-/// The pictures of a folder, and remarks about them.
-pub(crate) struct FolderIndex {
-    pub(crate) index: Index,
-    pub(crate) notes: Vec<String>,
+/// Endings of pictures that the program does not read.
+const OTHER_ENDINGS: [&str; 14] = [
+    "heic", "heif", "avif", "webp", "gif", "bmp", "tif", "tiff", "jxl", "dng", "nef", "cr2", "cr3",
+    "arw",
+];
+
+/// A picture of a folder.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FolderPicture {
+    /// The picture with its intrinsics. Its path is relative to the folder, and its shape a placeholder.
+    pub photograph: Photograph,
+    /// Where it was taken: stated, told by a folder's name, or outdoor.
+    pub place: Place,
+}
+
+/// The pictures of a folder.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FolderPictures {
+    /// Pictures in the order of their paths.
+    pub pictures: Vec<FolderPicture>,
+    /// Pictures that cannot be read, and the reason.
+    pub unreadable: Vec<(String, String)>,
+    /// Number of pictures in formats that the program does not read.
+    other_formats: usize,
+    /// Number of pictures whose place nothing tells.
+    unknown_places: usize,
+    /// Number of pictures whose focal length nothing tells.
+    unknown_focal_lengths: usize,
+}
+
+impl FolderPictures {
+    /// Returns remarks on what was assumed.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if let Some((path, reason)) = self.unreadable.first() {
+            let count = self.unreadable.len();
+            notes.push(format!(
+                "{count} pictures cannot be read and are left out (first: {path}: {reason})"
+            ));
+        }
+        if self.other_formats > 0 {
+            notes.push(format!(
+                "{} pictures are neither JPEG, PNG, EXR nor HDR and are left out: convert them",
+                self.other_formats
+            ));
+        }
+        if self.unknown_places > 0 {
+            notes.push(format!(
+                "{} pictures are taken as outdoor, because no folder is named indoors or outdoor: sort them, or state the \
+                 place",
+                self.unknown_places
+            ));
+        }
+        if self.unknown_focal_lengths > 0 {
+            notes.push(format!(
+                "{} pictures have no focal length in EXIF and are taken to see {FIELD_OF_VIEW_DEG} degrees along their \
+                 longer side: state the field of view",
+                self.unknown_focal_lengths
+            ));
+        }
+        notes
+    }
+}
+
+/// What is stated about a folder's pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FolderOptions {
+    /// Place of all pictures.
+    pub place: Option<Place>,
+    /// Field of view of the longer side, degrees.
+    pub field_of_view_deg: Option<f64>,
+    pub orientation: Orientation,
 }
 
 /// Lists the pictures of the source `name` below `folder`, on a disk or in an object store.
@@ -43,98 +113,106 @@ pub(crate) fn index_folder(
     folder: &Path,
     source: &Source,
     inputs: &dyn InputFiles,
-) -> Result<FolderIndex, IndexError> {
+) -> Result<(Index, Vec<String>), IndexError> {
+    let options = FolderOptions {
+        place: source.place,
+        field_of_view_deg: source.field_of_view_deg,
+        orientation: source.orientation,
+    };
+    let found = folder_pictures(name, folder, options, inputs)?;
+    let image = |picture: &FolderPicture| {
+        let mut photograph = picture.photograph.clone();
+        photograph.highlights = source.highlights.filter(|_| photograph.transfer == Transfer::Srgb);
+        photograph.fill = source.fill;
+        let color = photograph.color.clone();
+        SourceImage {
+            color: color.clone(),
+            depth: String::new(),
+            depth_root: None,
+            depth_range: None,
+            mask: None,
+            place: picture.place,
+            scene: String::new(),
+            scan: color,
+            side: Some(photograph.into()),
+            values: BTreeMap::new(),
+        }
+    };
+    let images = found.pictures.iter().map(image).collect();
+    let notes = found.notes().into_iter().map(|note| format!("source {name}: {note}")).collect();
+    Ok((Index { images, without_depth: Vec::new() }, notes))
+}
+
+/// Lists the pictures below `folder`. Errors call it the source `name`.
+pub fn folder_pictures(
+    name: &str,
+    folder: &Path,
+    options: FolderOptions,
+    inputs: &dyn InputFiles,
+) -> Result<FolderPictures, IndexError> {
     let mut paths = if is_url(folder) {
-        let failed = |e: super::inputs::StoreUnavailable| IndexError::Read {
+        let failed = |e: StoreUnavailable| IndexError::Read {
             name: name.to_owned(),
             path: folder.to_owned(),
             source: io::Error::other(e.to_string()),
         };
         inputs.list(folder).map_err(failed)?
     } else {
-        files_below(name, folder, |path| !path.rsplit('/').next().unwrap_or(path).starts_with('.'))?
+        let is_shown = |path: &str| !path.rsplit('/').next().unwrap_or(path).starts_with('.');
+        files_below(name, folder, is_shown)?
     };
     paths.sort();
-    let (mut images, mut unknown, mut without_focal) = (Vec::new(), 0usize, 0usize);
-    let mut unreadable: Vec<String> = Vec::new();
+    let mut found = FolderPictures::default();
     for path in paths {
-        let Some(transfer) = transfer_of(&path) else { continue };
+        let ending = path.rsplit_once('.').map_or("", |(_, ending)| ending).to_lowercase();
+        let known = ENDINGS.into_iter().find(|(known, _)| *known == ending);
+        let Some((_, transfer)) = known else {
+            found.other_formats += usize::from(OTHER_ENDINGS.contains(&ending.as_str()));
+            continue;
+        };
         let picture = match Picture::read(&folder.join(&path), inputs) {
             Ok(picture) => picture,
             Err(reason) => {
-                unreadable.push(format!("{path}: {reason}"));
+                found.unreadable.push((path, reason));
                 continue;
             }
         };
-        let place = place_of(&path);
-        unknown += usize::from(place.is_none() && source.place.is_none());
-        let focal = if source.field_of_view_deg.is_some() { None } else { picture.focal_35_mm };
-        without_focal += usize::from(focal.is_none() && source.field_of_view_deg.is_none());
+        let place = options.place.or_else(|| place_of(&path));
+        found.unknown_places += usize::from(place.is_none());
+        let focal = picture.focal_35_mm.filter(|_| options.field_of_view_deg.is_none());
+        let is_unknown = focal.is_none() && options.field_of_view_deg.is_none();
+        found.unknown_focal_lengths += usize::from(is_unknown);
+        let size = picture.size.used_px(options.orientation);
         let photograph = Photograph {
-            color: path.clone(),
+            color: path,
             depth: String::new(),
             // Each scene draws its own.
             sketch: Some(Sketch::Plane { plane_m: 1.0 }),
             mask: None,
-            orientation: source.orientation,
+            orientation: options.orientation,
             transfer,
             depth_unit_m: 1.0,
-            depth_kind: Default::default(),
+            depth_kind: DepthKind::default(),
             depth_range: None,
-            intrinsics: intrinsics(picture.size.used_px(source.orientation), focal, source),
+            intrinsics: intrinsics(size, focal, options.field_of_view_deg),
             exposure: 1.0,
             illuminant: [1.0; 3],
-            highlights: source.highlights.filter(|_| transfer == Transfer::Srgb),
-            fill: source.fill,
-            apex: None::<Apex>,
+            highlights: None,
+            fill: Fill::default(),
+            apex: None,
             cards: Vec::new(),
         };
-        images.push(SourceImage {
-            color: path.clone(),
-            depth: String::new(),
-            depth_root: None,
-            depth_range: None,
-            mask: None,
-            place: source.place.or(place).unwrap_or(Place::Outdoor),
-            scene: String::new(),
-            scan: path,
-            side: Some(photograph.into()),
-            values: BTreeMap::new(),
-        });
+        let place = place.unwrap_or(Place::Outdoor);
+        found.pictures.push(FolderPicture { photograph, place });
     }
-    if images.is_empty() {
+    if found.pictures.is_empty() {
         return Err(IndexError::NoPictures {
             name: name.to_owned(),
             path: folder.to_owned(),
-            unreadable: unreadable.len(),
+            unreadable: found.unreadable.len(),
         });
     }
-    let mut notes = Vec::new();
-    if let Some(first) = unreadable.first() {
-        let count = unreadable.len();
-        notes.push(format!(
-            "source {name}: {count} pictures cannot be read and are left out (first: {first})"
-        ));
-    }
-    if unknown > 0 {
-        notes.push(format!(
-            "source {name}: {unknown} pictures are taken as outdoor, because no folder is named indoors or outdoor: sort \
-             them, or set place"
-        ));
-    }
-    if without_focal > 0 {
-        notes.push(format!(
-            "source {name}: {without_focal} pictures have no focal length in EXIF and are taken to see {FIELD_OF_VIEW_DEG} \
-             degrees along their longer side: set field_of_view_deg"
-        ));
-    }
-    Ok(FolderIndex { index: Index { images, without_depth: Vec::new() }, notes })
-}
-
-/// Returns the coding of a picture's colours by its ending; `None` for other files.
-fn transfer_of(path: &str) -> Option<Transfer> {
-    let ending = path.rsplit_once('.')?.1.to_lowercase();
-    ENDINGS.into_iter().find(|(known, _)| *known == ending).map(|(_, transfer)| transfer)
+    Ok(found)
 }
 
 /// Returns the place that a folder of the path names, the innermost first.
@@ -157,15 +235,14 @@ fn place_of(path: &str) -> Option<Place> {
 fn intrinsics(
     [width, height]: [usize; 2],
     focal_35_mm: Option<f64>,
-    source: &Source,
+    field_of_view_deg: Option<f64>,
 ) -> Intrinsics {
     let [w, h] = [width as f64, height as f64];
-    let focal_px = match focal_35_mm {
-        Some(mm) => mm * libm::hypot(w, h) / FILM_DIAGONAL_MM,
-        None => {
-            let degrees = source.field_of_view_deg.unwrap_or(FIELD_OF_VIEW_DEG);
-            0.5 * w.max(h) / libm::tan(0.5 * degrees.to_radians())
-        }
+    let focal_px = if let Some(mm) = focal_35_mm {
+        mm * libm::hypot(w, h) / FILM_DIAGONAL_MM
+    } else {
+        let degrees = field_of_view_deg.unwrap_or(FIELD_OF_VIEW_DEG);
+        0.5 * w.max(h) / libm::tan(0.5 * degrees.to_radians())
     };
     let focal_px = super::draw::nine_digits(focal_px);
     let size = Some([width, height].map(|side| side as u32));

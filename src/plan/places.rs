@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! ROOT/       [data_*/][train/|val/][LETTER/]CATEGORY[/KIND]/NAME.(jpg|jpeg|png)
-//! DEPTH_ROOT/ the same folders/NAME(.npy|.pfm|.exr|.png), or NAME_depth.*, or NAME-MODEL.* as MiDaS writes them
+//! DEPTH_ROOT/ the same folders/NAME_depth(.npy|.pfm|.exr|.png), or NAME.*, or NAME-MODEL.* as MiDaS writes them
 //! ```
 //!
 //! A table lists the categories and their depth ranges.
@@ -197,7 +197,8 @@ fn map_of<'m>(maps: &BTreeMap<&'m str, Vec<&'m str>>, stem: &str) -> Option<&'m 
     let model = format!("{stem}-");
     let with_model = maps.range(model.as_str()..).next();
     let with_model = with_model.filter(|(name, _)| name.starts_with(&model));
-    let named = [maps.get(stem), maps.get(depth.as_str()), with_model.map(|(_, m)| m)];
+    // `depth` links PNG photographs beside their maps, so `_depth` goes first.
+    let named = [maps.get(depth.as_str()), maps.get(stem), with_model.map(|(_, m)| m)];
     named.into_iter().flatten().find_map(|maps| {
         let of = |format: &str| {
             let has = |map: &&&str| map.rsplit_once('.').is_some_and(|(_, e)| e == format);
@@ -256,6 +257,7 @@ why = "a guess"
             "data_256/a/alley/2-dpt_large_384.png",
             "data_256/a/alley/1.png",
             "data_256/a/alley/1.npy",
+            "b/bedroom/1.png",
             "b/bedroom/1_depth.exr",
             "l/library/indoor/1.npy",
             "l/library/indoor/10.npy",

@@ -15,7 +15,7 @@ use render::color::{SrgbEncoder, srgb_to_linear};
 use render::ids::SceneId;
 use render::label::LabelSet;
 use render::layer::Layer;
-use render::line::{Glass, Roughness, SceneLine, Side};
+use render::line::{Glass, Roughness, SceneLine, Side, Sketch};
 use render::merge::{
     LayerRecord, NoiseMap, RAW, TupleRecord, decode_tuple_labels, photographed_layer, photographs,
 };
@@ -222,10 +222,26 @@ fn parameters(record: &TupleRecord) -> String {
         layers(glass),
         number(glass.ior),
         number(glass.distance_m),
-        cards(&record.scene),
+        cards(&record.scene) + &shapes(&record.scene),
         orders.join(" "),
         sensor(record),
     )
+}
+
+/// Formats the assumed shapes of sides without depth; empty for others.
+fn shapes(line: &SceneLine) -> String {
+    let of = |(name, side): (&str, &Side)| {
+        let shape = match side.photograph()?.sketch? {
+            Sketch::Plane { plane_m } => format!("plane at {} m", number(rounded(plane_m))),
+            Sketch::Ground { wall_m, camera_height_m, .. } => format!(
+                "ground {} m below, wall at {} m",
+                number(rounded(camera_height_m)),
+                number(rounded(wall_m))
+            ),
+        };
+        Some(format!(" \u{b7} {name} assumed: {shape}"))
+    };
+    [("front", &line.front), ("back", &line.back)].into_iter().filter_map(of).collect()
 }
 
 /// Formats the camera of the photographs; empty without one.

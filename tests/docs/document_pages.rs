@@ -7,7 +7,7 @@ use std::path::Path;
 const PROGRAMS: &str = "glasshouse cargo python3 python3.11 pip sbatch scancel kubectl docker systemctl systemd-run sudo \
     nats-server nats nohup kill while rsync scp ssh git curl cp mkdir sha256sum benches/peers/run.py \
     benches/peers/export_scene.py ~/peers/bin/pip ~/peers/bin/python .ci/run benches/peers/train_step.py \
-    docs/depth_maps.py parallel export";
+    parallel export";
 
 /// A Markdown document of the repository.
 pub(crate) struct Page {

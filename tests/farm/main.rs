@@ -21,6 +21,7 @@ mod late;
 mod many;
 mod merging;
 mod photographs;
+mod pictures;
 mod planning;
 mod poison;
 mod processes;

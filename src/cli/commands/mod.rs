@@ -5,6 +5,8 @@ mod bench;
 mod completions;
 mod control;
 mod coordinate;
+#[cfg(feature = "train")]
+mod depth;
 mod develop;
 mod doctor;
 #[cfg(feature = "train")]
@@ -217,6 +219,17 @@ Examples:
   glasshouse export runs/smoke --format imagefolder --out smoke-imagefolder --split train
   glasshouse export runs/smoke --format pairs --encoding srgb16 --out smoke-pairs --json")]
     Export(export::ExportArgs),
+    /// Estimate the depth of a folder's pictures with Depth Anything V2 and your weights; resumes
+    #[cfg(feature = "train")]
+    #[command(after_help = "\
+Writes DIR/PICTURE_depth.npy (32-bit floats of the upright picture's size: relative inverse depth, or metres with --metric),
+links the pictures beside them, and writes DIR/photographs.jsonl, a list for recipes with layout = \"list\".
+The weights are not part of the program: docs/data.md has their sources and licences. Bad pictures are named and left out.
+
+Examples:
+  glasshouse depth holiday --weights depth_anything_v2_vits.pth --out holiday-depth
+  glasshouse depth rooms --weights model.safetensors --metric 20 --out rooms-depth --json")]
+    Depth(depth::DepthArgs),
     /// Photograph a run's tuples by another camera, without tracing them again; resumes
     #[command(after_help = "\
 Writes DIR/SCENE/photo.jpg (the input behind the camera), photo_transmission.png and photo_glass_reflection.png (the same
@@ -316,6 +329,8 @@ impl Args {
             #[cfg(feature = "train")]
             Command::Similarity(args) => similarity::run(args, global, output),
             Command::Export(args) => export::run(args, global, output),
+            #[cfg(feature = "train")]
+            Command::Depth(args) => depth::run(args, global, output),
             Command::Develop(args) => develop::run(args, global, output),
             Command::Report(args) => report::run(args, global, output),
             Command::Schema => Ok(schema::run(output)),

@@ -1,0 +1,17 @@
+//! Errors of estimating a folder's depth.
+
+use render::atomic_file::WriteError;
+use std::io;
+use std::path::PathBuf;
+
+#[derive(Debug, thiserror::Error)]
+pub enum EstimateError {
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
+    Read { path: PathBuf, source: io::Error },
+    #[error("cannot link or copy {} to {}: {source}; check the disk's space and the folder's permissions", from.display(), to.display())]
+    Link { from: PathBuf, to: PathBuf, source: io::Error },
+    #[error("{} has depth maps of other weights or settings: give another --out", out.display())]
+    Foreign { out: PathBuf },
+}
