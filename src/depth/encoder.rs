@@ -6,7 +6,7 @@ use super::position::resized;
 use super::weights::Weights;
 use train::candle_core::{Device, Result, Tensor};
 
-/// A matrix (out, in) and its bias.
+/// A matrix (in, out) and its bias.
 struct Linear {
     weight: Tensor,
     bias: Tensor,
@@ -41,13 +41,15 @@ impl Encoder {
         let get = |name: &str| weights.get(name, device);
         let linear = |name: &str| {
             Ok::<_, train::candle_core::Error>(Linear {
-                weight: get(&format!("{name}.weight"))?,
+                weight: get(&format!("{name}.weight"))?.flatten_from(1)?.t()?.contiguous()?,
                 bias: get(&format!("{name}.bias"))?,
             })
         };
         let norm = |name: &str| {
-            let Linear { weight, bias } = linear(name)?;
-            Ok::<_, train::candle_core::Error>(Norm { weight, bias })
+            Ok::<_, train::candle_core::Error>(Norm {
+                weight: get(&format!("{name}.weight"))?,
+                bias: get(&format!("{name}.bias"))?,
+            })
         };
         let width = config.width;
         let block = |number: usize| {
@@ -58,7 +60,7 @@ impl Encoder {
             Ok::<_, train::candle_core::Error>(Block {
                 norms: [norm(&format!("{name}.norm1"))?, norm(&format!("{name}.norm2"))?],
                 qkv: Linear {
-                    weight: Tensor::cat(&[&q.weight, &k.weight, &v.weight], 0)?,
+                    weight: Tensor::cat(&[&q.weight, &k.weight, &v.weight], 1)?,
                     bias: Tensor::cat(&[&q.bias, &k.bias, &v.bias], 0)?,
                 },
                 joined: linear(&format!("{name}.attention.output.dense"))?,
@@ -70,18 +72,13 @@ impl Encoder {
             })
         };
         let all = get("backbone.embeddings.position_embeddings")?.squeeze(0)?;
-        let projection = linear("backbone.embeddings.patch_embeddings.projection")?;
-        let pixels = 3 * PATCH_PX * PATCH_PX;
         Ok(Self {
             class_token: get("backbone.embeddings.cls_token")?.reshape((1, width))?,
             class_position: all.narrow(0, 0, 1)?,
             positions: all
                 .narrow(0, 1, config.position_side * config.position_side)?
                 .contiguous()?,
-            patches: Linear {
-                weight: projection.weight.reshape((width, pixels))?,
-                bias: projection.bias,
-            },
+            patches: linear("backbone.embeddings.patch_embeddings.projection")?,
             blocks: (0..config.blocks).map(block).collect::<Result<_>>()?,
             norm: norm("backbone.layernorm")?,
             config: config.clone(),

@@ -67,7 +67,9 @@ impl Head {
                 if number == 2 { None } else { Some(convolution(&format!("{name}.resize"))?) };
             Ok::<_, train::candle_core::Error>(Level {
                 projection: get(&format!("{name}.projection.weight"))?
-                    .reshape((channels, config.width))?,
+                    .reshape((channels, config.width))?
+                    .t()?
+                    .contiguous()?,
                 projection_bias: get(&format!("{name}.projection.bias"))?,
                 resize,
                 kernel: get(&format!("neck.convs.{number}.weight"))?,
@@ -151,7 +153,7 @@ impl Level {
         // A transposed convolution whose stride is its side: each token becomes a square of pixels.
         let side = resize.kernel.dim(2)?;
         let squares = channels * side * side;
-        let matrix = resize.kernel.reshape((channels, squares))?.t()?.contiguous()?;
+        let matrix = resize.kernel.reshape((channels, squares))?;
         let bias = resize.bias.reshape((channels, 1))?.broadcast_as((channels, side * side))?;
         let bias = bias.contiguous()?.reshape(squares)?;
         let pixels = linear(&projected, &matrix, &bias)?;

@@ -64,11 +64,6 @@ impl DepthNet {
         }
     }
 
-    #[cfg(test)]
-    pub(crate) fn encoder_only(&self, planes: &Tensor) -> Vec<Tensor> {
-        self.encoder.forward(planes).unwrap()
-    }
-
     /// Estimates the depth of a picture of sRGB codes.
     pub fn estimate(&self, picture: RgbImage) -> Result<DepthMap, DepthError> {
         let (width, height) = (picture.width() as usize, picture.height() as usize);

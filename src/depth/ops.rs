@@ -4,7 +4,6 @@
 //! Other devices use candle operations.
 
 use rayon::prelude::*;
-use render::trace::Isa;
 use train::candle_core::{
     CpuStorage, CustomOp2, CustomOp3, D, Layout, Result, Shape, Tensor, bail,
 };
@@ -14,23 +13,25 @@ use train::ops::{Mat, MatMut, product, values};
 const BLOCK_COLUMNS: usize = 192;
 /// Queries whose scores are in memory together, for each thread.
 const BLOCK_QUERIES: usize = 96;
+/// Columns of a product of keys are a multiple of this: the largest vector.
+const PADDING: usize = 16;
 /// Added to the variance in a norm, as in DINOv2.
 const EPSILON: f64 = 1e-6;
 
-/// Computes x W^T + b of x (rows, in), W (out, in), b (out).
+/// Computes x W + b of x (rows, in), W (in, out), b (out). Matrix products of rows need no copy of W in this order.
 pub(crate) fn linear(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
     if x.device().is_cpu() {
         return x.contiguous()?.apply_op3(weight, bias, Linear { gelu: false });
     }
-    x.matmul(&weight.t()?)?.broadcast_add(bias)
+    x.matmul(weight)?.broadcast_add(bias)
 }
 
-/// Computes GELU(x W^T + b), with the error function.
+/// Computes GELU(x W + b), with the error function.
 pub(crate) fn linear_gelu(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
     if x.device().is_cpu() {
         return x.contiguous()?.apply_op3(weight, bias, Linear { gelu: true });
     }
-    x.matmul(&weight.t()?)?.broadcast_add(bias)?.gelu_erf()
+    x.matmul(weight)?.broadcast_add(bias)?.gelu_erf()
 }
 
 /// Normalises each row to mean 0 and variance 1, then multiplies by `weight` and adds `bias`.
@@ -90,7 +91,7 @@ impl CustomOp3 for Linear {
         bias: &CpuStorage,
         of_bias: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
-        let ((rows, inner), (columns, of)) = (of_x.shape().dims2()?, of_weight.shape().dims2()?);
+        let ((rows, inner), (of, columns)) = (of_x.shape().dims2()?, of_weight.shape().dims2()?);
         if inner != of || of_bias.shape().elem_count() != columns {
             bail!("linear: {:?} does not fit {:?}", of_weight.shape(), of_x.shape());
         }
@@ -102,15 +103,14 @@ impl CustomOp3 for Linear {
         let x = Mat::by_rows(x, rows, inner, inner);
         blocks.into_par_iter().enumerate().for_each(|(block, mut out)| {
             let first = block * BLOCK_COLUMNS;
-            let weight = &weight[first * inner..];
-            let matrix = Mat::by_rows(weight, out.columns(), inner, inner).transposed();
+            let matrix = Mat::by_rows(&weight[first..], inner, out.columns(), columns);
             product(&mut out, x, matrix, false);
         });
-        let isa = Isa::detect();
+        let fused = is_fused();
         out.par_chunks_exact_mut(columns.max(1)).for_each(|row| {
             add(row, bias);
             if self.gelu {
-                by_isa(isa, gelu, gelu_avx2, row);
+                gelu(fused, row);
             }
         });
         Ok((CpuStorage::F32(out), Shape::from((rows, columns))))
@@ -216,32 +216,43 @@ impl CustomOp2 for Attention {
         let width = thrice / 3;
         let size = width / self.heads;
         let qkv = values("attention", qkv, of_qkv)?;
-        let isa = Isa::detect();
+        let fused = is_fused();
         let scale = 1.0 / (size as f32).sqrt();
-        // Keys and values of each head, and blocks of its queries.
+        let part =
+            |k: usize, head: usize, row: usize| &qkv[row * thrice + k * width + head * size..];
+        // Keys of each head as columns, whole vectors of them: their product then needs no further copy.
+        let padded = tokens.next_multiple_of(PADDING);
+        let mut keys = vec![0.0f32; self.heads * size * padded];
+        keys.par_chunks_exact_mut(size * padded).enumerate().for_each(|(head, keys)| {
+            for token in 0..tokens {
+                for (k, value) in part(1, head, token)[..size].iter().enumerate() {
+                    keys[k * padded + token] = *value;
+                }
+            }
+        });
         let tasks: Vec<(usize, usize)> = (0..self.heads)
             .flat_map(|head| (0..tokens).step_by(BLOCK_QUERIES).map(move |first| (head, first)))
             .collect();
         let made: Vec<Vec<f32>> = tasks
             .par_iter()
-            .map(|&(head, first)| {
+            .map_init(Vec::new, |scores, &(head, first)| {
                 let count = BLOCK_QUERIES.min(tokens - first);
-                let part = |k: usize, row: usize| &qkv[row * thrice + k * width + head * size..];
-                let queries = Mat::by_rows(part(0, first), count, size, thrice);
-                let keys = Mat::by_rows(part(1, 0), tokens, size, thrice);
-                let of_values = Mat::by_rows(part(2, 0), tokens, size, thrice);
-                let mut scores = vec![0.0f32; count * tokens];
-                let mut out = MatMut::whole(&mut scores, count, tokens);
-                product(&mut out, queries, keys.transposed(), false);
-                for row in scores.chunks_exact_mut(tokens) {
-                    for score in &mut *row {
-                        *score *= scale;
-                    }
-                    by_isa(isa, softmax, softmax_avx2, row);
-                }
+                let queries = Mat::by_rows(part(0, head, first), count, size, thrice);
+                let keys = Mat::by_rows(&keys[head * size * padded..], size, padded, padded);
+                let of_values = Mat::by_rows(part(2, head, 0), tokens, size, thrice);
+                scores.resize(BLOCK_QUERIES * padded, 0.0f32);
+                product(&mut MatMut::whole(scores, count, padded), queries, keys, false);
+                let sums: Vec<f32> = scores
+                    .chunks_exact_mut(padded)
+                    .take(count)
+                    .map(|row| exponentials(fused, &mut row[..tokens], scale))
+                    .collect();
                 let mut seen = vec![0.0f32; count * size];
-                let mut out = MatMut::whole(&mut seen, count, size);
-                product(&mut out, Mat::by_rows(&scores, count, tokens, tokens), of_values, false);
+                let weights = Mat::by_rows(scores, count, tokens, padded);
+                product(&mut MatMut::whole(&mut seen, count, size), weights, of_values, false);
+                for (row, sum) in seen.chunks_exact_mut(size).zip(sums) {
+                    row.iter_mut().for_each(|value| *value /= sum);
+                }
                 seen
             })
             .collect();
@@ -255,94 +266,116 @@ impl CustomOp2 for Attention {
     }
 }
 
-/// Calls a function of a row, compiled for AVX2 where the machine has it.
+/// True if the processor has the instructions of the fused functions.
+fn is_fused() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return std::arch::is_x86_feature_detected!("avx2")
+        && std::arch::is_x86_feature_detected!("fma");
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
+/// Replaces each score s by exp((s - m) scale) with the largest score m. Returns their sum.
 #[allow(unsafe_code, reason = "calls code of an instruction set that was detected")]
-fn by_isa(isa: Isa, plain: fn(&mut [f32]), wide: unsafe fn(&mut [f32]), row: &mut [f32]) {
-    match isa {
-        Isa::Baseline => plain(row),
-        // SAFETY: AVX2 and AVX-512 machines have AVX2; every processor with AVX2 that this program knows has FMA, too, but the
-        // functions do not use it.
-        Isa::Avx2 | Isa::Avx512 => unsafe { wide(row) },
-    }
-}
-
-#[allow(unsafe_code, reason = "an instruction set")]
-#[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2"))]
-unsafe fn softmax_avx2(row: &mut [f32]) {
-    softmax(row);
-}
-
-#[allow(unsafe_code, reason = "an instruction set")]
-#[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2"))]
-unsafe fn gelu_avx2(row: &mut [f32]) {
-    gelu(row);
-}
-
-/// Replaces scores by their softmax.
-#[inline(always)]
-fn softmax(row: &mut [f32]) {
-    let mut most = [f32::NEG_INFINITY; 8];
-    for part in row.chunks_exact(8) {
-        for (most, value) in most.iter_mut().zip(part) {
-            *most = if *value > *most { *value } else { *most };
-        }
-    }
-    let rest = row.chunks_exact(8).remainder();
-    let most = most.iter().chain(rest).fold(f32::NEG_INFINITY, |a, b| a.max(*b));
-    let mut sums = [0.0f32; 8];
-    for part in row.chunks_mut(8) {
-        for (sum, value) in sums.iter_mut().zip(part) {
-            *value = exp(*value - most);
-            *sum += *value;
-        }
-    }
-    let scale = 1.0 / sums.iter().sum::<f32>();
-    for value in row {
-        *value *= scale;
+fn exponentials(fused: bool, row: &mut [f32], scale: f32) -> f32 {
+    assert!(!fused || is_fused(), "the processor has no fused instructions");
+    // SAFETY: the processor has AVX2 and FMA.
+    if fused {
+        unsafe { exponentials_avx2(row, scale) }
+    } else {
+        exponentials_of::<false>(row, scale)
     }
 }
 
 /// Replaces values x by x (1 + erf(x / sqrt 2)) / 2.
+#[allow(unsafe_code, reason = "calls code of an instruction set that was detected")]
+fn gelu(fused: bool, row: &mut [f32]) {
+    assert!(!fused || is_fused(), "the processor has no fused instructions");
+    // SAFETY: the processor has AVX2 and FMA.
+    if fused { unsafe { gelu_avx2(row) } } else { gelu_of::<false>(row) }
+}
+
+#[allow(unsafe_code, reason = "an instruction set")]
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,fma"))]
+unsafe fn exponentials_avx2(row: &mut [f32], scale: f32) -> f32 {
+    exponentials_of::<true>(row, scale)
+}
+
+#[allow(unsafe_code, reason = "an instruction set")]
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,fma"))]
+unsafe fn gelu_avx2(row: &mut [f32]) {
+    gelu_of::<true>(row);
+}
+
 #[inline(always)]
-fn gelu(row: &mut [f32]) {
-    for value in row {
-        *value = 0.5 * *value * (1.0 + erf(*value * std::f32::consts::FRAC_1_SQRT_2));
+fn exponentials_of<const FUSED: bool>(row: &mut [f32], scale: f32) -> f32 {
+    let mut most = [f32::NEG_INFINITY; 16];
+    for part in row.chunks_exact(16) {
+        for (most, value) in most.iter_mut().zip(part) {
+            *most = if *value > *most { *value } else { *most };
+        }
     }
+    let rest = row.chunks_exact(16).remainder();
+    let most = most.iter().chain(rest).fold(f32::NEG_INFINITY, |a, b| a.max(*b));
+    let mut sums = [0.0f32; 16];
+    let mut parts = row.chunks_exact_mut(16);
+    for part in &mut parts {
+        for (sum, value) in sums.iter_mut().zip(part) {
+            *value = exp::<FUSED>((*value - most) * scale);
+            *sum += *value;
+        }
+    }
+    for (sum, value) in sums.iter_mut().zip(parts.into_remainder()) {
+        *value = exp::<FUSED>((*value - most) * scale);
+        *sum += *value;
+    }
+    sums.iter().sum()
+}
+
+#[inline(always)]
+fn gelu_of<const FUSED: bool>(row: &mut [f32]) {
+    for value in row {
+        *value = 0.5 * *value * (1.0 + erf::<FUSED>(*value * std::f32::consts::FRAC_1_SQRT_2));
+    }
+}
+
+/// Computes a b + c, with one rounding if `FUSED`.
+#[inline(always)]
+fn add_product<const FUSED: bool>(a: f32, b: f32, c: f32) -> f32 {
+    if FUSED { a.mul_add(b, c) } else { a * b + c }
+}
+
+/// Evaluates a polynomial; the first coefficient belongs to the highest power.
+#[inline(always)]
+fn polynomial<const FUSED: bool>(coefficients: &[f32], x: f32) -> f32 {
+    let (first, rest) = coefficients.split_first().expect("a polynomial has coefficients");
+    rest.iter().fold(*first, |sum, coefficient| add_product::<FUSED>(sum, x, *coefficient))
 }
 
 /// The error function within 2e-7 (Abramowitz and Stegun 7.1.26).
 #[inline(always)]
-fn erf(x: f32) -> f32 {
-    const C: [f32; 5] = [1.061_405_4, -1.453_152, 1.421_413_7, -0.284_496_74, 0.254_829_6];
+fn erf<const FUSED: bool>(x: f32) -> f32 {
+    const C: [f32; 6] = [1.061_405_4, -1.453_152, 1.421_413_7, -0.284_496_74, 0.254_829_6, 0.0];
     let size = x.abs();
     let t = 1.0 / (1.0 + 0.327_591_1 * size);
-    let series = ((((C[0] * t + C[1]) * t + C[2]) * t + C[3]) * t + C[4]) * t;
-    let value = 1.0 - series * exp(-size * size);
+    let value = 1.0 - polynomial::<FUSED>(&C, t) * exp::<FUSED>(-size * size);
     f32::from_bits(value.to_bits() | (x.to_bits() & 0x8000_0000))
 }
 
-/// e^x for x up to 0, within 1e-7 of the result; 0 below -87.
+/// e^x for x up to 0, within 3e-7 of the result; less than 2e-38 below -87.
 #[inline(always)]
-fn exp(x: f32) -> f32 {
-    let x = if x < -87.0 { -87.0 } else { x };
-    // 2^k 2^f with k the nearest whole number; the sum with 1.5 * 2^23 rounds.
+fn exp<const FUSED: bool>(x: f32) -> f32 {
+    const C: [f32; 7] = [0.001_398_2, 0.008_333_452, 0.041_665_796, 0.166_666_55, 0.5, 1.0, 1.0];
+    // The sum with 1.5 * 2^23 rounds to the nearest whole number.
     const ROUND: f32 = 12_582_912.0;
-    let power = x * std::f32::consts::LOG2_E;
-    let rounded = power + ROUND;
+    let x = if x < -87.0 { -87.0 } else { x };
+    let rounded = add_product::<FUSED>(x, std::f32::consts::LOG2_E, ROUND);
     let whole = rounded - ROUND;
-    let rest = (x - whole * 0.693_359_4) + whole * 2.121_944_4e-4;
-    let series = 1.0
-        + rest
-            * (1.0
-                + rest
-                    * (0.5
-                        + rest
-                            * (0.166_666_55
-                                + rest
-                                    * (0.041_665_796
-                                        + rest * (0.008_333_452 + rest * 0.001_398_2)))));
+    // The logarithm of 2 in two parts.
+    let rest = add_product::<FUSED>(whole, -0.693_359_4, x);
+    let rest = add_product::<FUSED>(whole, 2.121_944_4e-4, rest);
     let exponent = (rounded.to_bits() << 23).wrapping_add(127 << 23);
-    series * f32::from_bits(exponent)
+    polynomial::<FUSED>(&C, rest) * f32::from_bits(exponent)
 }
 
 #[cfg(test)]
@@ -353,29 +386,32 @@ mod tests {
     fn functions_are_near_those_of_libm() {
         for k in 0..200_000 {
             let x = -87.0 * k as f32 / 200_000.0;
-            let (found, exact) = (f64::from(exp(x)), f64::from(x).exp());
-            assert!((found / exact - 1.0).abs() < 3e-7, "{x}: {found} {exact}");
+            let exact = f64::from(x).exp();
+            for found in [exp::<false>(x), exp::<true>(x)] {
+                assert!((f64::from(found) / exact - 1.0).abs() < 3e-7, "{x}: {found} {exact}");
+            }
         }
-        assert!(exp(-200.0) < 2e-38);
+        assert!(exp::<true>(-200.0) < 2e-38);
         for (x, exact) in [(0.0, 0.0), (0.5, 0.520_499_88), (1.0, 0.842_700_8), (2.5, 0.999_593)] {
-            assert!((erf(x) - exact).abs() < 3e-7 && (erf(-x) + exact).abs() < 3e-7, "{x}");
+            for sign in [1.0, -1.0] {
+                assert!((erf::<false>(sign * x) - sign * exact).abs() < 3e-7, "{x}");
+                assert!((erf::<true>(sign * x) - sign * exact).abs() < 3e-7, "{x}");
+            }
         }
     }
 
     #[test]
     fn instruction_sets_agree() {
         let values: Vec<f32> = (0..203).map(|k| ((k * 37) % 101) as f32 * 0.1 - 5.0).collect();
-        for (plain, wide) in [
-            (softmax as fn(&mut [f32]), softmax_avx2 as unsafe fn(&mut [f32])),
-            (gelu as fn(&mut [f32]), gelu_avx2 as unsafe fn(&mut [f32])),
-        ] {
-            let (mut a, mut b) = (values.clone(), values.clone());
-            by_isa(Isa::Baseline, plain, wide, &mut a);
-            by_isa(Isa::detect(), plain, wide, &mut b);
-            assert_eq!(a, b);
+        let (mut plain, mut wide) = (values.clone(), values.clone());
+        let a = exponentials(false, &mut plain, 0.5);
+        let b = exponentials(is_fused(), &mut wide, 0.5);
+        assert!((a / b - 1.0).abs() < 1e-6 && (plain.iter().sum::<f32>() / a - 1.0).abs() < 1e-6);
+        assert_eq!(plain.iter().copied().fold(0.0, f32::max), 1.0);
+        gelu(false, &mut plain);
+        gelu(is_fused(), &mut wide);
+        for (a, b) in plain.iter().zip(&wide) {
+            assert!((a - b).abs() < 1e-6, "{a} {b}");
         }
-        let mut row = values.clone();
-        softmax(&mut row);
-        assert!((row.iter().sum::<f32>() - 1.0).abs() < 1e-5);
     }
 }

@@ -223,25 +223,3 @@ fn wrong_weights_are_refused_by_name() {
     let error = Weights::read(&folder.path().join("gone.pth"), None).unwrap_err().to_string();
     assert!(error.contains("cannot read"), "{error}");
 }
-
-#[test]
-#[ignore = "prints times"]
-fn times() {
-    for model in [Model::Vits, Model::Vitb] {
-        let config = model.config();
-        let net = DepthNet::new(&weights(&config), &config, None, &Device::Cpu).unwrap();
-        let planes =
-            Tensor::from_vec(uniform("p", 3 * 518 * 518), (3, 518, 518), &Device::Cpu).unwrap();
-        for _ in 0..3 {
-            let clock = std::time::Instant::now();
-            let tokens = net.encoder_only(&planes);
-            let encoded = clock.elapsed().as_secs_f64();
-            net.forward(&planes).unwrap();
-            println!(
-                "{model}: encoder {encoded:.2} s, all {:.2} s",
-                clock.elapsed().as_secs_f64() - encoded
-            );
-            drop(tokens);
-        }
-    }
-}
