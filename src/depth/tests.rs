@@ -217,7 +217,7 @@ fn wrong_weights_are_refused_by_name() {
     assert!(shape.contains("head.conv2.bias with the shape [1, 8] instead of [8]"), "{shape}");
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("w.safetensors");
-    std::fs::write(&file, b"nothing").unwrap();
+    render::atomic_file::write(&file, b"nothing").unwrap();
     let error = Weights::read(&file, None).unwrap_err().to_string();
     assert!(error.contains("holds no weights that can be read"), "{error}");
     let error = Weights::read(&folder.path().join("gone.pth"), None).unwrap_err().to_string();

@@ -34,7 +34,7 @@ impl Weights {
         let file = |reason: String| WeightError::File { path: path.to_owned(), reason };
         let tensors = train::read_weights(path, &bytes).map_err(|e| file(e.to_string()))?;
         let tensors = named_as_transformers(tensors).map_err(|e| file(e.to_string()))?;
-        let width = tensors.get("backbone.embeddings.cls_token").map(|t| t.elem_count());
+        let width = tensors.get("backbone.embeddings.cls_token").map(Tensor::elem_count);
         let of_width = Model::ALL.into_iter().find(|m| Some(m.config().width) == width);
         let Some(model) = model.or(of_width) else {
             return Err(file("no tensor backbone.embeddings.cls_token or pretrained.cls_token with 384, 768 or 1024 numbers".to_owned()));
@@ -46,7 +46,7 @@ impl Weights {
 
     /// Checks names and shapes of tensors. `path` and `model` are for messages.
     pub(crate) fn checked(
-        tensors: HashMap<String, Tensor>,
+        mut tensors: HashMap<String, Tensor>,
         config: &Config,
         path: &Path,
         model: &str,
@@ -54,7 +54,7 @@ impl Weights {
     ) -> Result<Self, WeightError> {
         let mut kept = HashMap::new();
         for (name, expected) in shapes(config) {
-            let Some(tensor) = tensors.get(&name) else {
+            let Some(tensor) = tensors.remove(&name) else {
                 let (path, model) = (path.to_owned(), model.to_owned());
                 return Err(WeightError::Missing { path, name, model });
             };

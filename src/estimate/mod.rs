@@ -150,10 +150,10 @@ pub fn estimate(
         let copy = out.join(name);
         create_parent(&copy)?;
         link(&folder.join(name), &copy)?;
-        listed.push(line(picture, &map, work));
+        listed.push(line(picture, &map, work).to_string());
     }
-    let list: String = listed.iter().map(|line| format!("{line}\n")).collect();
     if !listed.is_empty() {
+        let list = listed.join("\n") + "\n";
         atomic_file::write(&out.join(PHOTOGRAPH_LIST), list.as_bytes())?;
     }
     Ok(estimated)

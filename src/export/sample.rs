@@ -140,7 +140,7 @@ fn read(
         "tuple.json" => true,
         "tuple.exr" => needs_exr(line, encoding),
         name => match encoding {
-            PixelEncoding::Srgb8 => name.ends_with(".png") && photographed_layer(name).is_none(),
+            PixelEncoding::Srgb8 => photographed_layer(name).is_none(),
             PixelEncoding::Photograph => photographed_layer(name).is_some() && name != RAW,
             PixelEncoding::Srgb16 | PixelEncoding::Linear => false,
         },

@@ -22,7 +22,7 @@ impl<'a> Mat<'a> {
     }
 
     /// Returns the transpose, which shares the slice.
-    pub fn transposed(self) -> Self {
+    pub(super) fn transposed(self) -> Self {
         Self {
             rows: self.columns,
             columns: self.rows,
