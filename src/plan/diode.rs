@@ -111,7 +111,7 @@ fn left_out(without_depth: usize) -> String {
 
 /// Lists the photographs of the source `name`, in DIODE's layout, in `folder`.
 pub(crate) fn index_source(name: &str, folder: &Path) -> Result<Index, IndexError> {
-    index_paths(name, folder, &files_below(name, folder, may_hold_photographs)?)
+    index_paths(name, folder, &files_below(name, folder, may_hold_photographs, drop)?)
 }
 
 /// Finds the photographs of the source `name` among `paths`, which are relative to `folder`, with `/` as separator.
@@ -132,11 +132,12 @@ pub(crate) fn index_paths(
 }
 
 /// Lists all files below `folder`, in the folders that `enters` accepts, as relative paths (with `/`). Follows links.
-/// Skips names that are not UTF-8, because no layout has such names.
+/// Names that are not UTF-8 are passed to `odd`; only the layout `folder` has such names.
 pub(super) fn files_below(
     name: &str,
     folder: &Path,
     enters: fn(&str) -> bool,
+    mut odd: impl FnMut(String),
 ) -> Result<Vec<String>, IndexError> {
     let (mut open, mut found) = (vec![String::new()], Vec::new());
     while let Some(below) = open.pop() {
@@ -145,10 +146,15 @@ pub(super) fn files_below(
             |source| IndexError::Read { name: name.to_owned(), path: path.clone(), source };
         for entry in fs::read_dir(&path).map_err(failed)? {
             let entry = entry.map_err(failed)?;
-            let Ok(file) = entry.file_name().into_string() else {
+            let relative = |file: &str| {
+                if below.is_empty() { file.to_owned() } else { format!("{below}/{file}") }
+            };
+            let file = entry.file_name();
+            let Some(file) = file.to_str() else {
+                odd(relative(&file.to_string_lossy()));
                 continue;
             };
-            let relative = if below.is_empty() { file } else { format!("{below}/{file}") };
+            let relative = relative(file);
             let kind = entry.file_type().map_err(failed)?;
             let is_folder = kind.is_dir() || kind.is_symlink() && folder.join(&relative).is_dir();
             if !is_folder {

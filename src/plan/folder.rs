@@ -150,6 +150,7 @@ pub fn folder_pictures(
     options: FolderOptions,
     inputs: &dyn InputFiles,
 ) -> Result<FolderPictures, IndexError> {
+    let mut found = FolderPictures::default();
     let mut paths = if is_url(folder) {
         let failed = |e: StoreUnavailable| IndexError::Read {
             name: name.to_owned(),
@@ -159,10 +160,11 @@ pub fn folder_pictures(
         inputs.list(folder).map_err(failed)?
     } else {
         let is_shown = |path: &str| !path.rsplit('/').next().unwrap_or(path).starts_with('.');
-        files_below(name, folder, is_shown)?
+        files_below(name, folder, is_shown, |path| {
+            found.unreadable.push((path, "its name is not UTF-8".to_owned()));
+        })?
     };
     paths.sort();
-    let mut found = FolderPictures::default();
     for path in paths {
         let ending = path.rsplit_once('.').map_or("", |(_, ending)| ending).to_lowercase();
         let known = ENDINGS.into_iter().find(|(known, _)| *known == ending);

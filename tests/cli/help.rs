@@ -33,6 +33,18 @@ const NOT_RUN: &[(&str, Instead, &str)] = &[
     ("train runs/smoke --stage backtrack --steps 200", DryRun, "is slow"),
     #[cfg(feature = "train")]
     ("train runs/smoke --stage separation --steps 200 --json", DryRun, "is slow"),
+    #[cfg(feature = "train")]
+    (
+        "depth holiday --weights depth_anything_v2_vits.pth --out holiday-depth",
+        Parsed,
+        "needs weights that are not shipped",
+    ),
+    #[cfg(feature = "train")]
+    (
+        "depth rooms --weights model.safetensors --metric 20 --out rooms-depth --json",
+        Parsed,
+        "needs weights that are not shipped",
+    ),
     ("bench error", DryRun, "measures for minutes"),
     (
         "bench error --scene scene.json --spp 1,4,16,64 --reference-spp 4096 --out error",

@@ -131,14 +131,22 @@ fn furnish(folder: &Path) {
         link("scene.json", to);
     }
     std::fs::create_dir(folder.join("DIR")).unwrap();
+    for to in ["PHOTOS", "data/holiday"] {
+        link("holiday", to);
+    }
     std::fs::create_dir(folder.join("theirs")).unwrap();
     let row = "1,own,real,pairs/blended/1.png,pairs/transmission_layer/1.png,yes";
     let index = format!("id,group,kind,blended,transmission,aligned\n{row}\n");
     std::fs::write(folder.join("pairs.csv"), index).unwrap();
     let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
-    for name in
-        ["paper.toml", "learn.toml", "learn-table.toml", "ablation.toml", "depth-ranges.toml"]
-    {
+    for name in [
+        "paper.toml",
+        "learn.toml",
+        "learn-table.toml",
+        "ablation.toml",
+        "folder.toml",
+        "depth-ranges.toml",
+    ] {
         let recipe = Path::new("manifests").join(name);
         std::fs::copy(repository.join(&recipe), folder.join(&recipe)).unwrap();
     }

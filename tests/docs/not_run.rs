@@ -13,6 +13,8 @@ pub(crate) const NOT_RUN: &[(&str, &str)] = &[
     ("glasshouse plan manifests/wild.toml --root photos=/data/photos", "needs photographs that are not shipped"),
     ("glasshouse plan -n my.toml --root photos=/data/photos", "needs the page's recipe and list; tests/render/list.rs runs similar ones"),
     ("glasshouse run my.toml --root photos=/data/photos", "needs the page's recipe and list; tests/render/list.rs runs similar ones"),
+    ("glasshouse depth …", "needs weights that are not shipped; tests/farm/pictures.rs uses random ones"),
+    ("glasshouse run manifests/wild.toml --root photos=/data/holiday-depth", "needs depth maps of that command; tests/farm/pictures.rs renders such a folder"),
     ("glasshouse train RUN --stage backtrack --steps 20000 --features vgg19.safetensors", "VGG-19's weights are not shipped; tests/train/training.rs reads narrower weights from a file"),
     ("glasshouse train RUN --name without …", "VGG-19's weights are not shipped; tests/train/training.rs uses a preset with a narrower file"),
     ("glasshouse train runs/learn --name unet-seed-1 --steps 12000", "needs a planned run of learn.toml; tests/train/names.rs trains with names of a recipe"),

@@ -4,6 +4,7 @@ use crate::support::outputs::{files, manifest, read_json};
 use crate::support::program::{command, run, text, wait_until};
 use image::{Rgb, RgbImage};
 use serde_json::{Value, json};
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
@@ -64,6 +65,8 @@ fn folder() -> (TempDir, PathBuf) {
     add_focal_length(&photos.join("Outdoor 2024/c.JPG"), 28);
     std::fs::write(photos.join("indoors/broken.jpg"), b"\xff\xd8\xff\xe0 nothing").unwrap();
     std::fs::write(photos.join("notes.txt"), b"no picture").unwrap();
+    let odd = std::ffi::OsStr::from_bytes(b"\xff.jpg");
+    std::fs::copy(photos.join("d.jpeg"), photos.join(odd)).unwrap();
     std::fs::write(photos.join("phone.HEIC"), b"not read").unwrap();
     (folder, photos)
 }
@@ -86,8 +89,8 @@ fn sides(lines: &[Value]) -> Vec<&Value> {
 fn a_folder_of_pictures_becomes_tuples() {
     let (_folder, out, said) = made("");
     for words in [
-        "1 pictures cannot be read",
-        "indoors/broken.jpg",
+        "2 pictures cannot be read",
+        "its name is not UTF-8",
         "1 pictures are neither JPEG, PNG, EXR nor HDR",
         "1 pictures are taken as outdoor",
         "3 pictures have no focal length",
@@ -231,7 +234,7 @@ fn depth_by_a_network_is_resumed_and_rendered() {
         .iter()
         .map(|f| f["picture"].as_str().unwrap())
         .collect();
-    assert_eq!(failed, ["indoors/broken.jpg", "indoors/a.png"]);
+    assert_eq!(failed, ["\u{fffd}.jpg", "indoors/broken.jpg", "indoors/a.png"]);
     // A killed call resumes to the same files.
     let killed = folder.path().join("killed");
     let mut child = command(&call(&killed, &["-j", "1"])).spawn().unwrap();

@@ -70,6 +70,15 @@ fn make(folder: &Path) {
     }
     std::fs::copy(folder.join("scene.json"), capture.join("scene.json")).unwrap();
     std::fs::copy(folder.join("out/input.png"), capture.join("captured.png")).unwrap();
+    // The examples of `develop` and of folders of pictures.
+    std::fs::write(folder.join("phone.toml"), "[sensor]\ncamera = \"imx686\"\n").unwrap();
+    for name in ["holiday", "rooms"] {
+        std::fs::create_dir(folder.join(name)).unwrap();
+        for (picture, from) in ["a.png", "b.png"].into_iter().cycle().take(6).enumerate() {
+            let to = folder.join(name).join(format!("{picture}.png"));
+            std::fs::copy(folder.join(from), to).unwrap();
+        }
+    }
     let mine = "schema = \"glasshouse.recipe/1\"\nname = \"mine\"\n[sources.diode]\nlayout = \"diode\"\n\
          [[split]]\nname = \"train\"\npairs = { diode = 1 }\n";
     std::fs::write(folder.join("my.toml"), mine).unwrap();

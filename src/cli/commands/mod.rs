@@ -234,10 +234,10 @@ Examples:
     #[command(after_help = "\
 Writes DIR/SCENE/photo.jpg (the input behind the camera), photo_transmission.png and photo_glass_reflection.png (the same
 camera's decisions, without noise), raw.dng where the sensor has `raw = true`, and photograph.json, with all drawn numbers.
-docs/camera.md has the model, the keys of [sensor] and the calibrated sensors.
+docs/camera.md has the model, the keys of [sensor] and the calibrated sensors. A small sensor file is `[sensor]` and `camera = \"imx686\"`.
 
 Examples:
-  glasshouse develop runs/smoke --sensor phone.toml --out phone    # phone.toml: [sensor] and camera = \"imx686\"
+  glasshouse develop runs/smoke --sensor phone.toml --out phone
   glasshouse develop runs/smoke --sensor phone.toml --out phone --split test --json")]
     Develop(develop::DevelopArgs),
     /// Write report/index.html: the whole run on one self-contained page
