@@ -37,11 +37,12 @@ fn picture(path: &Path, size: [u32; 2], seed: u32) {
     RgbImage::from_fn(size[0], size[1], pixel).save(path).unwrap();
 }
 
-/// Puts an EXIF segment with a focal length for 35 mm film behind the start of a JPEG.
-fn add_focal_length(path: &Path, mm: u16) {
+/// Puts an EXIF segment with an orientation and a focal length for 35 mm film behind the start of a JPEG.
+fn add_exif(path: &Path, orientation: u8, mm: u16) {
     let mut tiff = b"II*\0\x08\0\0\0".to_vec();
-    // The first directory has the pointer to the EXIF directory.
-    tiff.extend([1, 0, 0x69, 0x87, 4, 0, 1, 0, 0, 0, 26, 0, 0, 0, 0, 0, 0, 0]);
+    // The first directory has the orientation and the pointer to the EXIF directory.
+    tiff.extend([2, 0, 0x12, 0x01, 3, 0, 1, 0, 0, 0, orientation, 0, 0, 0]);
+    tiff.extend([0x69, 0x87, 4, 0, 1, 0, 0, 0, 38, 0, 0, 0, 0, 0, 0, 0]);
     tiff.extend([1, 0, 0x05, 0xa4, 3, 0, 1, 0, 0, 0]);
     tiff.extend(mm.to_le_bytes());
     tiff.extend([0; 6]);
@@ -62,7 +63,8 @@ fn folder() -> (TempDir, PathBuf) {
     picture(&photos.join("indoors/b.png"), [80, 120], 2);
     picture(&photos.join("Outdoor 2024/c.JPG"), [160, 100], 3);
     picture(&photos.join("d.jpeg"), [100, 100], 4);
-    add_focal_length(&photos.join("Outdoor 2024/c.JPG"), 28);
+    // Stored rows of 160 px are columns of the upright picture.
+    add_exif(&photos.join("Outdoor 2024/c.JPG"), 6, 28);
     std::fs::write(photos.join("indoors/broken.jpg"), b"\xff\xd8\xff\xe0 nothing").unwrap();
     std::fs::write(photos.join("notes.txt"), b"no picture").unwrap();
     let odd = std::ffi::OsStr::from_bytes(b"\xff.jpg");
@@ -107,7 +109,7 @@ fn a_folder_of_pictures_becomes_tuples() {
         let wall_m = sketch["wall_m"].as_f64().unwrap();
         assert!((5.0..=50.0).contains(&wall_m));
         drawn.push(wall_m.to_bits());
-        let [fx, cx] = ["fx", "cx"].map(|key| side["intrinsics"][key].as_f64().unwrap());
+        let [fx, cx, cy] = ["fx", "cx", "cy"].map(|key| side["intrinsics"][key].as_f64().unwrap());
         let color = side["color"].as_str().unwrap();
         // The view of 65 degrees along the longer side, or a focal length of 28 mm for the diagonal of 43.27 mm.
         let expected = match color {
@@ -116,7 +118,13 @@ fn a_folder_of_pictures_becomes_tuples() {
             _ => 50.0 / 32.5f64.to_radians().tan(),
         };
         assert!((fx / expected - 1.0).abs() < 1e-8, "{color}: {fx} {expected}");
-        assert!(cx > 0.0);
+        let middle = match color {
+            "photos:Outdoor 2024/c.JPG" => [50.0, 80.0],
+            "photos:indoors/a.jpg" => [60.0, 40.0],
+            "photos:indoors/b.png" => [40.0, 60.0],
+            _ => [50.0, 50.0],
+        };
+        assert_eq!([cx, cy], middle, "{color}");
     }
     drawn.sort_unstable();
     drawn.dedup();

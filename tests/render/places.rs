@@ -138,7 +138,7 @@ fn missing_inputs_are_reported() {
     plan().expect(4).says(&["ranges.toml", "category.bedroom.range.mean_m is -4"]);
     std::fs::write(folder.path().join("ranges.toml"), RANGES).unwrap();
     std::fs::rename(folder.path().join("places-depth"), folder.path().join("elsewhere")).unwrap();
-    plan().expect(4).says(&["places-depth", "--root places=DIR"]);
+    plan().expect(4).says(&["--root places-depth=DIR"]);
     let root = format!("places-depth={}", folder.path().join("elsewhere").display());
     run(&["plan", text(&recipe), "-n", "--root", &root]).expect(0);
 }
