@@ -233,7 +233,7 @@ mod tests {
                 r#"{"panorama":"p","depth":"d","depth_kind":"z"}"#,
                 "`depth_kind` of a panorama must be \"distance\"",
             ),
-            (r#"{"color":"c"}"#, "a side with `color`: missing field `depth`"),
+            (r#"{"color":"c"}"#, "a side with `color`: missing field `intrinsics`"),
             (r#"{"depth":"d"}"#, "give `color`, `depth` and `intrinsics` of a photograph"),
             ("[]", "expected a photograph, a panorama or a mesh"),
         ] {
