@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 use train::candle_core::{
-    CpuStorage, CustomOp2, CustomOp3, D, Layout, Result, Shape, Tensor, bail,
+    CpuStorage, CustomOp1, CustomOp3, D, Layout, Result, Shape, Tensor, bail,
 };
 use train::ops::{Mat, MatMut, product, values};
 
@@ -58,9 +58,7 @@ pub(crate) fn attention(qkv: &Tensor, heads: usize) -> Result<Tensor> {
     let (tokens, thrice) = qkv.dims2()?;
     let (width, size) = (thrice / 3, thrice / 3 / heads);
     if qkv.device().is_cpu() {
-        // candle has no operation of one tensor and a number with another shape than an op of two.
-        let none = Tensor::zeros(1, qkv.dtype(), qkv.device())?;
-        return qkv.contiguous()?.apply_op2(&none, Attention { heads });
+        return qkv.contiguous()?.apply_op1(Attention { heads });
     }
     let part = |k: usize| {
         let part = qkv.narrow(1, k * width, width)?;
@@ -200,18 +198,12 @@ struct Attention {
     heads: usize,
 }
 
-impl CustomOp2 for Attention {
+impl CustomOp1 for Attention {
     fn name(&self) -> &'static str {
         "attention"
     }
 
-    fn cpu_fwd(
-        &self,
-        qkv: &CpuStorage,
-        of_qkv: &Layout,
-        _: &CpuStorage,
-        _: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
+    fn cpu_fwd(&self, qkv: &CpuStorage, of_qkv: &Layout) -> Result<(CpuStorage, Shape)> {
         let (tokens, thrice) = of_qkv.shape().dims2()?;
         let width = thrice / 3;
         let size = width / self.heads;
