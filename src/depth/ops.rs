@@ -21,7 +21,7 @@ const EPSILON: f64 = 1e-6;
 /// Computes x W + b of x (rows, in), W (in, out), b (out). Matrix products of rows need no copy of W in this order.
 pub(crate) fn linear(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
     if x.device().is_cpu() {
-        return x.contiguous()?.apply_op3(weight, bias, Linear { gelu: false });
+        return x.contiguous()?.apply_op3(weight, bias, OfThree("linear", linear_on_cpu::<false>));
     }
     x.matmul(weight)?.broadcast_add(bias)
 }
@@ -29,7 +29,7 @@ pub(crate) fn linear(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tenso
 /// Computes GELU(x W + b), with the error function.
 pub(crate) fn linear_gelu(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
     if x.device().is_cpu() {
-        return x.contiguous()?.apply_op3(weight, bias, Linear { gelu: true });
+        return x.contiguous()?.apply_op3(weight, bias, OfThree("linear", linear_on_cpu::<true>));
     }
     x.matmul(weight)?.broadcast_add(bias)?.gelu_erf()
 }
@@ -37,7 +37,7 @@ pub(crate) fn linear_gelu(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<
 /// Normalises each row to mean 0 and variance 1, then multiplies by `weight` and adds `bias`.
 pub(crate) fn layer_norm(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
     if x.device().is_cpu() {
-        return x.contiguous()?.apply_op3(weight, bias, LayerNorm);
+        return x.contiguous()?.apply_op3(weight, bias, OfThree("layer_norm", layer_norm_on_cpu));
     }
     let centred = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
     let variance = centred.sqr()?.mean_keepdim(D::Minus1)?;
@@ -48,7 +48,11 @@ pub(crate) fn layer_norm(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<T
 /// Computes x + y * scale, with one scale for each column.
 pub(crate) fn add_scaled(x: &Tensor, y: &Tensor, scale: &Tensor) -> Result<Tensor> {
     if x.device().is_cpu() {
-        return x.contiguous()?.apply_op3(&y.contiguous()?, scale, AddScaled);
+        return x.contiguous()?.apply_op3(
+            &y.contiguous()?,
+            scale,
+            OfThree("add_scaled", add_scaled_on_cpu),
+        );
     }
     x + y.broadcast_mul(scale)?
 }
@@ -71,86 +75,73 @@ pub(crate) fn attention(qkv: &Tensor, heads: usize) -> Result<Tensor> {
     weights.matmul(&v)?.transpose(0, 1)?.contiguous()?.reshape((tokens, width))
 }
 
-struct Linear {
-    gelu: bool,
-}
+/// An operation of three tensors on the CPU: its name, and a function of their values and shapes.
+struct OfThree(&'static str, fn([&[f32]; 3], [&Shape; 3]) -> Made);
 
-impl CustomOp3 for Linear {
+/// Values of a tensor and their shape.
+type Made = Result<(Vec<f32>, Shape)>;
+
+impl CustomOp3 for OfThree {
     fn name(&self) -> &'static str {
-        "linear"
+        self.0
     }
 
     fn cpu_fwd(
         &self,
-        x: &CpuStorage,
-        of_x: &Layout,
-        weight: &CpuStorage,
-        of_weight: &Layout,
-        bias: &CpuStorage,
-        of_bias: &Layout,
+        a: &CpuStorage,
+        of_a: &Layout,
+        b: &CpuStorage,
+        of_b: &Layout,
+        c: &CpuStorage,
+        of_c: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
-        let ((rows, inner), (of, columns)) = (of_x.shape().dims2()?, of_weight.shape().dims2()?);
-        if inner != of || of_bias.shape().elem_count() != columns {
-            bail!("linear: {:?} does not fit {:?}", of_weight.shape(), of_x.shape());
+        let [a, b, c] =
+            [values(self.0, a, of_a)?, values(self.0, b, of_b)?, values(self.0, c, of_c)?];
+        let (made, shape) = (self.1)([a, b, c], [of_a.shape(), of_b.shape(), of_c.shape()])?;
+        Ok((CpuStorage::F32(made), shape))
+    }
+}
+
+fn linear_on_cpu<const GELU: bool>(
+    [x, weight, bias]: [&[f32]; 3],
+    [of_x, of_weight, of_bias]: [&Shape; 3],
+) -> Made {
+    let ((rows, inner), (of, columns)) = (of_x.dims2()?, of_weight.dims2()?);
+    if inner != of || of_bias.elem_count() != columns {
+        bail!("linear: {of_weight:?} does not fit {of_x:?}");
+    }
+    let mut out = vec![0.0f32; rows * columns];
+    let blocks = MatMut::column_blocks(&mut out, rows, columns, BLOCK_COLUMNS);
+    let x = Mat::by_rows(x, rows, inner, inner);
+    blocks.into_par_iter().enumerate().for_each(|(block, mut out)| {
+        let first = block * BLOCK_COLUMNS;
+        let matrix = Mat::by_rows(&weight[first..], inner, out.columns(), columns);
+        product(&mut out, x, matrix, false);
+    });
+    let fused = is_fused();
+    out.par_chunks_exact_mut(columns.max(1)).for_each(|row| {
+        for (value, bias) in row.iter_mut().zip(bias) {
+            *value += bias;
         }
-        let x = values("linear", x, of_x)?;
-        let weight = values("linear", weight, of_weight)?;
-        let bias = values("linear", bias, of_bias)?;
-        let mut out = vec![0.0f32; rows * columns];
-        let blocks = MatMut::column_blocks(&mut out, rows, columns, BLOCK_COLUMNS);
-        let x = Mat::by_rows(x, rows, inner, inner);
-        blocks.into_par_iter().enumerate().for_each(|(block, mut out)| {
-            let first = block * BLOCK_COLUMNS;
-            let matrix = Mat::by_rows(&weight[first..], inner, out.columns(), columns);
-            product(&mut out, x, matrix, false);
-        });
-        let fused = is_fused();
-        out.par_chunks_exact_mut(columns.max(1)).for_each(|row| {
-            add(row, bias);
-            if self.gelu {
-                gelu(fused, row);
-            }
-        });
-        Ok((CpuStorage::F32(out), Shape::from((rows, columns))))
-    }
+        if GELU {
+            gelu(fused, row);
+        }
+    });
+    Ok((out, Shape::from((rows, columns))))
 }
 
-fn add(row: &mut [f32], bias: &[f32]) {
-    for (value, bias) in row.iter_mut().zip(bias) {
-        *value += bias;
-    }
-}
-
-struct LayerNorm;
-
-impl CustomOp3 for LayerNorm {
-    fn name(&self) -> &'static str {
-        "layer_norm"
-    }
-
-    fn cpu_fwd(
-        &self,
-        x: &CpuStorage,
-        of_x: &Layout,
-        weight: &CpuStorage,
-        of_weight: &Layout,
-        bias: &CpuStorage,
-        of_bias: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let (rows, columns) = of_x.shape().dims2()?;
-        let mut out = values("layer_norm", x, of_x)?.to_vec();
-        let weight = values("layer_norm", weight, of_weight)?;
-        let bias = values("layer_norm", bias, of_bias)?;
-        out.par_chunks_exact_mut(columns.max(1)).for_each(|row| {
-            let mean = sum(row, |value| value) / columns as f32;
-            let variance = sum(row, |value| (value - mean) * (value - mean)) / columns as f32;
-            let scale = 1.0 / (variance + EPSILON as f32).sqrt();
-            for ((value, weight), bias) in row.iter_mut().zip(weight).zip(bias) {
-                *value = (*value - mean) * scale * weight + bias;
-            }
-        });
-        Ok((CpuStorage::F32(out), Shape::from((rows, columns))))
-    }
+fn layer_norm_on_cpu([x, weight, bias]: [&[f32]; 3], [of_x, ..]: [&Shape; 3]) -> Made {
+    let (_, columns) = of_x.dims2()?;
+    let mut out = x.to_vec();
+    out.par_chunks_exact_mut(columns.max(1)).for_each(|row| {
+        let mean = sum(row, |value| value) / columns as f32;
+        let variance = sum(row, |value| (value - mean) * (value - mean)) / columns as f32;
+        let scale = 1.0 / (variance + EPSILON as f32).sqrt();
+        for ((value, weight), bias) in row.iter_mut().zip(weight).zip(bias) {
+            *value = (*value - mean) * scale * weight + bias;
+        }
+    });
+    Ok((out, of_x.clone()))
 }
 
 /// Adds the values of a function in eight interleaved sums.
@@ -164,34 +155,16 @@ fn sum(row: &[f32], of: impl Fn(f32) -> f32) -> f32 {
     sums.iter().sum()
 }
 
-struct AddScaled;
-
-impl CustomOp3 for AddScaled {
-    fn name(&self) -> &'static str {
-        "add_scaled"
-    }
-
-    fn cpu_fwd(
-        &self,
-        x: &CpuStorage,
-        of_x: &Layout,
-        y: &CpuStorage,
-        of_y: &Layout,
-        scale: &CpuStorage,
-        of_scale: &Layout,
-    ) -> Result<(CpuStorage, Shape)> {
-        let (rows, columns) = of_x.shape().dims2()?;
-        let mut out = values("add_scaled", x, of_x)?.to_vec();
-        let y = values("add_scaled", y, of_y)?;
-        let scale = values("add_scaled", scale, of_scale)?;
-        let rows_of_y = y.par_chunks_exact(columns.max(1));
-        out.par_chunks_exact_mut(columns.max(1)).zip(rows_of_y).for_each(|(row, y)| {
-            for ((value, y), scale) in row.iter_mut().zip(y).zip(scale) {
-                *value += y * scale;
-            }
-        });
-        Ok((CpuStorage::F32(out), Shape::from((rows, columns))))
-    }
+fn add_scaled_on_cpu([x, y, scale]: [&[f32]; 3], [of_x, ..]: [&Shape; 3]) -> Made {
+    let (_, columns) = of_x.dims2()?;
+    let mut out = x.to_vec();
+    let rows_of_y = y.par_chunks_exact(columns.max(1));
+    out.par_chunks_exact_mut(columns.max(1)).zip(rows_of_y).for_each(|(row, y)| {
+        for ((value, y), scale) in row.iter_mut().zip(y).zip(scale) {
+            *value += y * scale;
+        }
+    });
+    Ok((out, of_x.clone()))
 }
 
 struct Attention {
