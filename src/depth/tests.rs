@@ -98,6 +98,7 @@ fn difference(
     for (k, bytes) in expected.data().chunks_exact(4).enumerate() {
         let expected = f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
         let found = found[k / width * step][k % width * step];
+        assert!(found.is_finite() && expected > 0.0, "{found} {expected}");
         worst = worst.max((found / expected - 1.0).abs());
     }
     worst
