@@ -46,11 +46,8 @@ pub struct Index {
 /// Error of a source that cannot be listed.
 #[derive(Debug, thiserror::Error)]
 pub enum IndexError {
-    #[error(
-        "source {name}: cannot list {}: {source}; pass --root {name}=DIR with the right folder",
-        path.display()
-    )]
-    Read { name: String, path: PathBuf, source: io::Error },
+    #[error("source {name}: {error}; pass --root {name}=DIR with the right folder")]
+    Folder { name: String, error: FolderError },
     #[error(
         "source {name}: {} holds no photograph with depth of the form \
          [train|val/](indoors|outdoor)/scene_*/scan_*/*.png with *_depth.npy beside it{}; pass --root \
@@ -76,16 +73,6 @@ pub enum IndexError {
         /// Number of colour images without depth.
         without_depth: usize,
     },
-    #[error(
-        "source {name}: {} holds no picture (.jpg, .jpeg, .png, .exr, .hdr){}; pass --root {name}=DIR with the right folder",
-        path.display(), unreadable_text(*unreadable)
-    )]
-    NoPictures {
-        name: String,
-        path: PathBuf,
-        /// Number of pictures that cannot be read.
-        unreadable: usize,
-    },
     #[error("source {name}: cannot use its depth_ranges {}: {reason}", path.display())]
     Table { name: String, path: PathBuf, reason: String },
     #[error("source {name}: cannot read its list {}: {source}; set `list` to a path relative to the recipe, or put \
@@ -93,6 +80,26 @@ pub enum IndexError {
     NoList { name: String, path: PathBuf, source: io::Error },
     #[error("source {name}: list {}: {source}", path.display())]
     List { name: String, path: PathBuf, source: ListError },
+}
+
+/// Reason why a folder cannot be a source.
+#[derive(Debug, thiserror::Error)]
+pub enum FolderError {
+    #[error("cannot list {}: {source}", path.display())]
+    List { path: PathBuf, source: io::Error },
+    #[error("{} holds no picture (.jpg, .jpeg, .png, .exr, .hdr){}", path.display(), unreadable_text(*unreadable))]
+    NoPictures {
+        path: PathBuf,
+        /// Number of pictures that cannot be read.
+        unreadable: usize,
+    },
+}
+
+impl FolderError {
+    /// Makes the error of the source `name`.
+    pub(super) fn of(self, name: &str) -> IndexError {
+        IndexError::Folder { name: name.to_owned(), error: self }
+    }
 }
 
 fn unreadable_text(count: usize) -> String {
@@ -111,7 +118,8 @@ fn left_out(without_depth: usize) -> String {
 
 /// Lists the photographs of the source `name`, in DIODE's layout, in `folder`.
 pub(crate) fn index_source(name: &str, folder: &Path) -> Result<Index, IndexError> {
-    index_paths(name, folder, &files_below(name, folder, may_hold_photographs, drop)?)
+    let paths = files_below(folder, may_hold_photographs, drop).map_err(|e| e.of(name))?;
+    index_paths(name, folder, &paths)
 }
 
 /// Finds the photographs of the source `name` among `paths`, which are relative to `folder`, with `/` as separator.
@@ -134,16 +142,14 @@ pub(crate) fn index_paths(
 /// Lists all files below `folder`, in the folders that `enters` accepts, as relative paths (with `/`). Follows links.
 /// Names that are not UTF-8 are passed to `odd`; only the layout `folder` has such names.
 pub(super) fn files_below(
-    name: &str,
     folder: &Path,
     enters: fn(&str) -> bool,
     mut odd: impl FnMut(String),
-) -> Result<Vec<String>, IndexError> {
+) -> Result<Vec<String>, FolderError> {
     let (mut open, mut found) = (vec![String::new()], Vec::new());
     while let Some(below) = open.pop() {
         let path = folder.join(&below);
-        let failed =
-            |source| IndexError::Read { name: name.to_owned(), path: path.clone(), source };
+        let failed = |source| FolderError::List { path: path.clone(), source };
         for entry in fs::read_dir(&path).map_err(failed)? {
             let entry = entry.map_err(failed)?;
             let relative = |file: &str| {

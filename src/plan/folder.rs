@@ -3,7 +3,7 @@
 //! Intrinsics come from the EXIF focal length for 35 mm film, or from a stated field of view. The place comes from the names of
 //! sub-folders, or is stated.
 
-use super::diode::{Index, IndexError, SourceImage, files_below};
+use super::diode::{FolderError, Index, IndexError, SourceImage, files_below};
 use super::inputs::{InputFiles, StoreUnavailable};
 use super::source::Source;
 use procedural::Place;
@@ -119,7 +119,7 @@ pub(crate) fn index_folder(
         field_of_view_deg: source.field_of_view_deg,
         orientation: source.orientation,
     };
-    let found = folder_pictures(name, folder, options, inputs)?;
+    let found = folder_pictures(folder, options, inputs).map_err(|e| e.of(name))?;
     let image = |picture: &FolderPicture| {
         let mut photograph = picture.photograph.clone();
         photograph.highlights = source.highlights.filter(|_| photograph.transfer == Transfer::Srgb);
@@ -143,24 +143,22 @@ pub(crate) fn index_folder(
     Ok((Index { images, without_depth: Vec::new() }, notes))
 }
 
-/// Lists the pictures below `folder`. Errors call it the source `name`.
+/// Lists the pictures below `folder`.
 pub fn folder_pictures(
-    name: &str,
     folder: &Path,
     options: FolderOptions,
     inputs: &dyn InputFiles,
-) -> Result<FolderPictures, IndexError> {
+) -> Result<FolderPictures, FolderError> {
     let mut found = FolderPictures::default();
     let mut paths = if is_url(folder) {
-        let failed = |e: StoreUnavailable| IndexError::Read {
-            name: name.to_owned(),
+        let failed = |e: StoreUnavailable| FolderError::List {
             path: folder.to_owned(),
             source: io::Error::other(e.to_string()),
         };
         inputs.list(folder).map_err(failed)?
     } else {
         let is_shown = |path: &str| !path.rsplit('/').next().unwrap_or(path).starts_with('.');
-        files_below(name, folder, is_shown, |path| {
+        files_below(folder, is_shown, |path| {
             found.unreadable.push((path, "its name is not UTF-8".to_owned()));
         })?
     };
@@ -208,8 +206,7 @@ pub fn folder_pictures(
         found.pictures.push(FolderPicture { photograph, place });
     }
     if found.pictures.is_empty() {
-        return Err(IndexError::NoPictures {
-            name: name.to_owned(),
+        return Err(FolderError::NoPictures {
             path: folder.to_owned(),
             unreadable: found.unreadable.len(),
         });

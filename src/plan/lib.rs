@@ -78,7 +78,7 @@ mod training_check;
 
 pub use check::{InvalidInput, invalid_text};
 pub use cost::{Calibration, Cost, Estimate, cost};
-pub use diode::IndexError;
+pub use diode::{FolderError, IndexError};
 pub use drafting::{Drafted, draft};
 pub use draw_scenes::{RejectedScene, read_rejected, rejected_lines};
 pub use folder::{FolderOptions, FolderPicture, FolderPictures, folder_pictures};

@@ -170,7 +170,7 @@ pub(crate) fn index_places(
     // Each folder is that of a root of its own, which an error names.
     let all = |root: &str, folder: &Path| match list(folder) {
         Some(found) => Ok(found),
-        None => files_below(root, folder, |_| true, drop),
+        None => files_below(folder, |_| true, drop).map_err(|e| e.of(root)),
     };
     let (colors, depths) = (all(name, folders.color)?, all(&depth_root(name), folders.depth)?);
     let index = ranges.index(&colors, &depths, &depth_root(name));

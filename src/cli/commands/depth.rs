@@ -160,15 +160,8 @@ fn pictures(args: &DepthArgs) -> Result<FolderPictures, Failure> {
         field_of_view_deg: args.field_of_view,
         ..FolderOptions::default()
     };
-    let mut found = folder_pictures("FOLDER", &args.folder, options, &LocalFiles).map_err(|e| {
-        let text = e.to_string();
-        let text = text.split("; pass --root").next().unwrap_or(&text);
-        failure!(
-            Exit::InvalidInput,
-            "{}; check the path",
-            text.trim_start_matches("source FOLDER: ")
-        )
-    })?;
+    let mut found = folder_pictures(&args.folder, options, &LocalFiles)
+        .map_err(|e| failure!(Exit::InvalidInput, "{e}; check the path"))?;
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let (folder, out) = (absolute(&args.folder), absolute(&args.out));
     if out != folder
