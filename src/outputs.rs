@@ -108,6 +108,16 @@ impl Outputs<'_> {
     }
 }
 
+/// True if a folder that exists has no files, apart from those that a killed process left unfinished.
+pub(crate) fn is_empty(folder: &Path) -> std::io::Result<bool> {
+    for entry in std::fs::read_dir(folder)? {
+        if !atomic_file::is_temporary(&entry?.path()) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
 /// Refuses to overwrite a file unless `is_own` accepts its bytes, or to write into a part of a run.
 pub(crate) fn check_file(
     path: &Path,

@@ -10,6 +10,7 @@ mod scene;
 pub use error::DevelopError;
 pub use scene::{PHOTOGRAPH_RECORD, PHOTOGRAPHS_SCHEMA, PhotographsRecord};
 
+use crate::outputs::is_empty;
 use crate::run::{AccessError, Run, Scope, Snapshot};
 use crate::store::Store;
 use plan::SensorFile;
@@ -95,9 +96,7 @@ impl DevelopRequest {
             };
         }
         atomic_file::create_dir(out)?;
-        let is_other = |entry: &std::fs::DirEntry| !atomic_file::is_temporary(&entry.path());
-        let mut others = std::fs::read_dir(out).map_err(read)?.filter_map(Result::ok);
-        if others.any(|entry| is_other(&entry)) {
+        if !is_empty(out).map_err(read)? {
             return Err(DevelopError::Foreign { out: out.to_owned() });
         }
         let json = serde_json::to_string_pretty(self).expect("the request is plain data");

@@ -10,8 +10,10 @@ pub enum EstimateError {
     Write(#[from] WriteError),
     #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
     Read { path: PathBuf, source: io::Error },
+    #[error("cannot remove {}: {source}; check the folder's permissions", path.display())]
+    Remove { path: PathBuf, source: io::Error },
     #[error("cannot link or copy {} to {}: {source}; check the disk's space and the folder's permissions", from.display(), to.display())]
     Link { from: PathBuf, to: PathBuf, source: io::Error },
-    #[error("{} has depth maps of other weights or settings: give another --out", out.display())]
+    #[error("{} is neither empty nor a folder of depth maps by these weights and settings: give another --out", out.display())]
     Foreign { out: PathBuf },
 }

@@ -1,16 +1,17 @@
 //! `depth`: a folder of pictures to depth maps and a list for recipes.
 //!
-//! `OUT/depth.json` identifies weights and settings. A picture is done when its depth map exists; the list
-//! `OUT/photographs.jsonl` is written after each call, with all pictures that have a depth map. Pictures are linked (or copied)
-//! beside their depth maps, because a list's paths lie below one root.
+//! `OUT/depth.json` identifies weights and settings. Pictures are linked (or copied) beside their depth maps, because a list's
+//! paths lie below one root. A picture is done when its depth map and its link exist, and the link has its bytes: a picture that
+//! was replaced is estimated again. The list `OUT/photographs.jsonl` is written after each call, with all pictures that are done.
 
 mod error;
 mod picture;
 
 pub use error::EstimateError;
 
+use crate::outputs::is_empty;
 use depth::{DepthMap, DepthNet, Model};
-use picture::{link, read_rgb};
+use picture::{is_linked, link, read_rgb, remove};
 use plan::{FolderPicture, FolderPictures};
 use render::atomic_file;
 use render::formats::encode_npy;
@@ -81,11 +82,11 @@ impl DepthRequest {
         }
     }
 
-    /// Claims a folder: one without depth maps, or one with those of the same request.
+    /// Claims a folder: a new or empty one, or one with depth maps of the same request.
     fn claim(&self, out: &Path) -> Result<(), EstimateError> {
         let path = out.join(DEPTH_REQUEST);
+        let read = |source| EstimateError::Read { path: path.clone(), source };
         if path.exists() {
-            let read = |source| EstimateError::Read { path: path.clone(), source };
             let bytes = render::input_file::read(&path).map_err(read)?;
             return match serde_json::from_slice::<Self>(&bytes) {
                 Ok(there) if there == *self => Ok(()),
@@ -93,6 +94,9 @@ impl DepthRequest {
             };
         }
         atomic_file::create_dir(out)?;
+        if !is_empty(out).map_err(read)? {
+            return Err(EstimateError::Foreign { out: out.to_owned() });
+        }
         let json = serde_json::to_string_pretty(self).expect("the request is plain data");
         Ok(atomic_file::write(&path, format!("{json}\n").as_bytes())?)
     }
@@ -115,10 +119,6 @@ pub fn estimate(
     let mut estimated = Estimated { failed: found.unreadable.clone(), ..Estimated::default() };
     let (mut taken, mut listed) = (BTreeSet::new(), Vec::new());
     for picture in &found.pictures {
-        if work.stop.load(Ordering::Relaxed) {
-            estimated.stopped = true;
-            break;
-        }
         let name = &picture.photograph.color;
         let map = depth_path(name);
         if !taken.insert(map.clone()) {
@@ -126,14 +126,20 @@ pub fn estimate(
             estimated.failed.push((name.clone(), reason));
             continue;
         }
-        let target = out.join(&map);
-        if target.is_file() {
+        let [from, target, copy] = [folder.join(name), out.join(&map), out.join(name)];
+        let is_done = target.is_file() && is_linked(&from, &copy);
+        if is_done {
             estimated.pictures_resumed += 1;
-            (work.on_picture)(true);
+        } else if work.stop.load(Ordering::Relaxed) {
+            estimated.stopped = true;
+            continue;
         } else {
-            match one(work.net, &folder.join(name), picture) {
+            match one(work.net, &from, picture) {
                 Ok(depth) => {
                     create_parent(&target)?;
+                    // A depth map exists only beside its own picture, whenever the call is killed.
+                    remove(&target)?;
+                    link(&from, &copy)?;
                     let shape = [depth.height, depth.width];
                     let npy = encode_npy(&shape, &depth.values, ExrPrecision::Float);
                     atomic_file::write(&target, &npy)?;
@@ -145,11 +151,8 @@ pub fn estimate(
                     continue;
                 }
             }
-            (work.on_picture)(false);
         }
-        let copy = out.join(name);
-        create_parent(&copy)?;
-        link(&folder.join(name), &copy)?;
+        (work.on_picture)(is_done);
         listed.push(line(picture, &map, work).to_string());
     }
     if !listed.is_empty() {

@@ -22,12 +22,33 @@ pub(super) fn read_rgb(path: &Path, transfer: Transfer) -> Result<RgbImage, Stri
         .ok_or_else(|| "its size is too large".to_owned())
 }
 
-/// Makes `to` the same file as `from`, or a copy where the file system has no links. Keeps a file that exists.
+/// True if `to` has the bytes of `from`.
+pub(super) fn is_linked(from: &Path, to: &Path) -> bool {
+    let [from, to] = [from, to].map(render::input_file::read);
+    matches!((from, to), (Ok(from), Ok(to)) if from == to)
+}
+
+/// Removes a file, if it exists.
+pub(super) fn remove(path: &Path) -> Result<(), EstimateError> {
+    match std::fs::remove_file(path) {
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+            Err(EstimateError::Remove { path: path.to_owned(), source })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Makes `to` the same file as `from`, or a copy where the file system has no links. Replaces another file.
 pub(super) fn link(from: &Path, to: &Path) -> Result<(), EstimateError> {
-    if to.exists() || std::fs::hard_link(from, to).is_ok() {
+    // Both may be one file, by links or because the folder of depth maps is that of the pictures: it must not be removed.
+    if to.canonicalize().is_ok_and(|to| from.canonicalize().is_ok_and(|from| from == to)) {
         return Ok(());
     }
+    remove(to)?;
     let failed = |source| EstimateError::Link { from: from.to_owned(), to: to.to_owned(), source };
+    if std::fs::hard_link(from, to).is_ok() {
+        return Ok(());
+    }
     let bytes = render::input_file::read(from).map_err(failed)?;
     Ok(render::atomic_file::write(to, &bytes)?)
 }

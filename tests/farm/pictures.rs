@@ -264,6 +264,14 @@ fn depth_by_a_network_is_resumed_and_rendered() {
     assert_eq!(lines[0]["depth_range"], json!({ "mean_m": 12.0 }));
     let seen = run(&["inspect", text(&whole.join("depth.json")), "--json"]).expect(0).json();
     assert_eq!(seen["files"][0]["kind"], "depth_maps");
+    // A folder of depth maps may be estimated again in its own place.
+    let own = |out: &Path| {
+        let words = ["depth", text(out), "--weights", text(&file), "--out", text(out), "--json"];
+        run(&words).expect(0).json()
+    };
+    picture(&killed.join("new.png"), [60, 60], 8);
+    assert_eq!(own(&killed)["pictures"], 1);
+    assert!(killed.join("new.png").is_file() && killed.join("new_depth.npy").is_file());
     // The list is ready for a recipe.
     let recipe = folder.path().join("listed.toml");
     let listed =
@@ -272,8 +280,19 @@ fn depth_by_a_network_is_resumed_and_rendered() {
     let out = folder.path().join("run");
     let root = format!("photos={}", whole.display());
     run(&["run", text(&recipe), "--root", &root, "--out", text(&out), "-q"]).expect(0);
-    // Other settings and files that hold no weights are refused.
-    run(&call(&whole, &["--metric", "20"])).expect(5).says(&["other weights or settings"]);
+    // A picture that was replaced is estimated again, the others are not.
+    let before = std::fs::read(whole.join("d_depth.npy")).unwrap();
+    std::fs::remove_file(photos.join("d.jpeg")).unwrap();
+    picture(&photos.join("d.jpeg"), [100, 100], 9);
+    let again = run(&call(&whole, &["--json"])).expect(3).json();
+    assert_eq!((&again["pictures"], &again["pictures_resumed"]), (&json!(1), &json!(3)));
+    assert!(std::fs::read(whole.join("d_depth.npy")).unwrap() != before);
+    let [a, b] = [&photos, &whole].map(|of| std::fs::read(of.join("d.jpeg")).unwrap());
+    assert!(a == b, "the picture beside the depth map is the new one");
+    // Other settings, folders of other files, and files that hold no weights are refused.
+    let words = "neither empty nor a folder of depth maps by these weights and settings";
+    run(&call(&whole, &["--metric", "20"])).expect(5).says(&[words]);
+    run(&call(&photos, &[])).expect(5).says(&[words]);
     run(&call(&whole, &["--model", "vitb"]))
         .expect(4)
         .says(&["it is not a Depth Anything V2 of size vitb"]);

@@ -92,7 +92,7 @@ fn view(text: &str) -> Result<f64, String> {
 exit_codes! {
     crate::estimate::EstimateError {
         Foreign => Disagrees,
-        Write | Read | Link => Failed,
+        Write | Read | Remove | Link => Failed,
     }
 }
 
