@@ -8,15 +8,15 @@
 //! Each stage is a separate crate, independent of runs, queues and the command line:
 //!
 //! ```text
-//! procedural -> plan ------> render --------------> compose ----> train
-//! (photographs) (recipe ->   (scene line ->          (pictures ->  (tuples ->
-//!                scene lines) four images, a tuple)   scores)       networks)
+//! procedural -> plan ------> render -------------> compose ---> examples --> train
+//! (photographs) (recipe ->   (scene line ->         (pictures -> (tuples ->   (-> networks)
+//!                scene lines) four images, a tuple)  scores)      examples)
 //! ```
 //!
 //! This package runs the stages on one machine or on many. Its modules are in pipeline order, and each imports only
 //! modules above it. Only [`cli`] prints, exits and reads the environment.
 
-pub use {compose, plan, procedural, render};
+pub use {compose, examples, plan, procedural, render};
 #[cfg(feature = "train")]
 pub use {depth, train};
 

@@ -1,10 +1,10 @@
-//! Gives the trainer access to a run's tuples.
+//! Gives training examples access to a run's tuples.
 
 use super::{QuarantineRecord, keys};
 use crate::store::{Store, StoreError};
+use examples::{TupleFiles, TupleFilesError};
 use render::ids::SceneId;
 use std::collections::BTreeSet;
-use train::{TupleFiles, TupleFilesError};
 
 impl TupleFiles for Store {
     fn get(&self, scene: &SceneId, file: &str) -> Result<Option<Vec<u8>>, TupleFilesError> {

@@ -1,7 +1,7 @@
 //! Batches of examples as tensors.
 
-use super::example::{Example, Planes};
 use candle_core::{Device, Result, Tensor};
+use examples::{Example, Planes};
 
 /// Images of one step, each of shape (batch, 3, rows, columns).
 pub struct Batch {

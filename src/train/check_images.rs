@@ -2,13 +2,13 @@
 
 use super::checks::{Checks, ChosenOn, MOST_SHOWN};
 use super::error::TrainError;
-use super::example::Example;
-use super::picture::Picture;
 use super::resume::digest_of_pairs;
 use super::run::{Training, of_split};
 use super::session::Watcher;
-use super::source::{Base, ExampleError, TupleSource};
 use compose::{Unread, read_sized};
+use examples::Example;
+use examples::Picture;
+use examples::{Base, ExampleError, TupleSource};
 use plan::TrainSettings;
 use render::line::Split;
 use std::sync::Arc;

@@ -1,6 +1,6 @@
 //! Images on which a training shows and measures its networks.
 
-use super::example::Example;
+use examples::Example;
 use serde::{Deserialize, Serialize};
 
 /// Largest number of rows of a grid of pictures.

@@ -1,8 +1,8 @@
 //! Errors of training.
 
 use super::checkpoint::CheckpointError;
-use super::source::{ExampleError, TupleFilesError};
 use super::vgg_file::FeaturesError;
+use examples::{ExampleError, TupleFilesError};
 use plan::SettingError;
 use render::atomic_file::WriteError;
 use std::path::PathBuf;

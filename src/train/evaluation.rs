@@ -1,7 +1,7 @@
 //! The result of `evaluate`: a table with notes, and files with the table, the scores, the pictures and JSON.
 
 use super::checkpoint::CheckpointState;
-use super::picture::rgb_grid;
+use super::grid::rgb_grid;
 use compose::{
     Factor, INPUT, LeftOut, MethodSummary, Protocol, Row, Rules, Scored, SeedGroup, means_tables,
     per_image_csv, summaries,

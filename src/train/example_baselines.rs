@@ -1,9 +1,9 @@
 //! The baselines of a training: a factor and a veil rule, fitted to its first examples. A network must beat both.
 
-use super::example::Example;
-use super::example_sampler::ExampleSampler;
-use super::srgb_planes::bytes_of_planes;
 use compose::{Baselines, Subject, Unread, WithTruth, fit_baselines};
+use examples::Example;
+use examples::ExampleSampler;
+use examples::bytes_of_planes;
 use image::RgbImage;
 use std::sync::atomic::AtomicBool;
 

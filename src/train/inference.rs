@@ -1,13 +1,13 @@
 //! Inference on images of any size.
 
-use super::example::Planes;
 use super::generator::{Generator, Norms, REACH_PX, Statistics};
-use super::picture::Picture;
 use super::separation_net::SeparationNet;
 use super::tiles::{Tiling, by_tiles, tensor_of};
 use super::vgg::Vgg;
 use candle_core::{Device, Result, Tensor};
 use compose::shrink_to;
+use examples::Picture;
+use examples::Planes;
 use rayon::prelude::*;
 use render::color::{decode_srgb, linear_to_srgb};
 

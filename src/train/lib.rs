@@ -1,19 +1,18 @@
 //! Trains networks for reflection removal on tuples, real pairs or mixed photographs.
 //!
 //! ```text
-//! source (tuples, photographs, pairs) -> example_sampler (order, crops) -> loader (reads ahead) -> batch
-//!     -> learner (networks, losses, Adam: one step) -> session (all steps, checkpoints, logs)
+//! examples (crate: the examples of every step) -> batch -> learner (networks, losses, Adam: one step)
+//!     -> session (all steps, checkpoints, logs)
 //!
 //! ops/              operations that candle computes slowly or with wrong gradients
 //! vgg, vgg_file     frozen features of images           checkpoint    a folder per step, written atomically
-//! generator         architecture of SP-net and BT-net   logs, metrics, events, picture    logs of training
+//! generator         architecture of SP-net and BT-net   logs, metrics, events, grid    logs of training
 //! unet, unet_op, unet_images    the U-Net, as one operation    separation_net    either network
 //! learner_losses    losses of a batch
 //! discriminator     conditional PatchGAN                inference     networks on images of any size
 //! loss, adam        losses and optimiser                separator     the networks of a checkpoint
 //! work_size         networks at another size than the picture's
-//! random            tensors of random numbers           srgb_planes   pixels as planes
-//! mixture           photographs mixed in image space    composing     examples composed in linear light
+//! random            tensors of random numbers
 //! scoring, evaluation    scores of networks on pictures    validation    scores of a training's networks
 //! similarity        rendered pictures and mixtures beside a camera's picture
 //! run, resume       a stage's training in a run's folder, resumed from its checkpoints
@@ -28,26 +27,22 @@ mod batch;
 mod check_images;
 mod checkpoint;
 mod checks;
-mod composing;
 mod discriminator;
 mod error;
 mod evaluation;
 mod evaluation_notes;
 mod events;
-mod example;
 mod example_baselines;
-mod example_sampler;
 mod generator;
+mod grid;
 mod inference;
 mod learner;
 mod learner_losses;
-mod loader;
 mod logs;
 mod loss;
 mod metrics;
-pub mod mixture;
 mod pickle_scan;
-mod picture;
+
 mod random;
 mod resume;
 mod run;
@@ -57,8 +52,6 @@ mod separator;
 mod session;
 mod shipped;
 mod similarity;
-mod source;
-mod srgb_planes;
 mod tiles;
 mod unet;
 mod unet_images;
@@ -89,14 +82,16 @@ pub use error::TrainError;
 pub use evaluation::{
     Conditions, EVALUATION_SCHEMA, Evaluation, EvaluationError, ScoredNetwork, ScoredOutputs,
 };
-pub use example::{Example, Planes};
-pub use example_sampler::{ExampleSampler, SceneSource};
+pub use examples::{
+    Base, Example, ExampleError, ExampleSampler, Loader, PairSource, PhotographSource, Picture,
+    Planes, SceneSource, TupleFiles, TupleFilesError, TupleSource, bytes_of_planes, mixture,
+    planes_of_bytes, planes_of_linear,
+};
 pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};
+pub use grid::{Grid, rgb_grid, shrunk};
 pub use inference::{LEAST_PX, Networks};
 pub use learner::{Lap, Learner, StepLosses, Term};
-pub use loader::Loader;
 pub use loss::{FEATURE_DIVISORS, adversarial_loss, discriminator_loss, feature_difference, l1};
-pub use picture::{Grid, Picture, rgb_grid, shrunk};
 pub use random::{RandomTensor, Stream};
 pub use run::{Pace, TrainSummary, Training, run};
 pub use scoring::Tiled;
@@ -105,10 +100,6 @@ pub use separator::{Separation, Separator, SeparatorError};
 pub use session::{Best, Schedule, Session, Trained, Watcher};
 pub use shipped::SHIPPED;
 pub use similarity::{BestMixture, Similarity, SimilarityError, best_mixture, similarity};
-pub use source::{
-    Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleFilesError, TupleSource,
-};
-pub use srgb_planes::{bytes_of_planes, planes_of_bytes, planes_of_linear};
 pub use unet::Unet;
 pub use validation::Validated;
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};

@@ -1,9 +1,9 @@
 //! The logs of a training: `metrics.csv` and TensorBoard's events.
 
 use super::events::EventFile;
+use super::grid::Grid;
 use super::learner::StepLosses;
 use super::metrics::Metrics;
-use super::picture::Grid;
 use super::validation::Validated;
 use render::atomic_file::{self, WriteError};
 use std::io;

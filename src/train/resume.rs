@@ -3,13 +3,13 @@
 use super::checkpoint::{Change, Checkpoint, Origin, code_path, stage_folder};
 use super::error::TrainError;
 use super::example_baselines::baselines;
-use super::example_sampler::ExampleSampler;
 use super::learner::Learner;
 use super::run::Training;
 use super::session::Watcher;
 use super::vgg::Vgg;
 use candle_core::Device;
 use compose::{Baselines, Pair};
+use examples::ExampleSampler;
 use plan::{FREE, NetworkKind, ScheduleKind, Stage, TrainSettings};
 use rayon::prelude::*;
 use render::folder_lock::FolderLock;

@@ -5,15 +5,15 @@ use super::checkpoint::{
 };
 use super::checks::{Checks, ChosenOn};
 use super::error::TrainError;
-use super::example_sampler::{ExampleSampler, SceneSource};
-use super::loader::Loader;
 use super::resume::{Beginning, lock};
 use super::session::{Best, Schedule, Session, Trained, Watcher};
-use super::source::{PairSource, PhotographSource, TupleFiles, TupleSource};
 use super::vgg_file::Features;
 use candle_core::Device;
 use compose::Pair;
 use crossbeam::channel::bounded;
+use examples::Loader;
+use examples::{ExampleSampler, SceneSource};
+use examples::{PairSource, PhotographSource, TupleFiles, TupleSource};
 use plan::{InputFiles, Stage, TrainSettings};
 use render::atomic_file::WriteError;
 use render::line::{Roots, SceneLine, Split};

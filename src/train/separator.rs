@@ -3,12 +3,12 @@
 use super::checkpoint::Checkpoint;
 use super::inference::Networks;
 use super::learner::Learner;
-use super::picture::Picture;
 use super::separation_net::SeparationNet;
 use super::vgg::Vgg;
 use super::work_size::{WorkSize, changed, difference_of_light, enlarged};
 use candle_core::{Device, Result};
 use compose::{shrink_to, shrunk_size_px};
+use examples::Picture;
 use image::RgbImage;
 use plan::{SettingError, Stage, TrainSettings};
 use std::path::PathBuf;

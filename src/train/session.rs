@@ -6,13 +6,14 @@ use super::checkpoint::{
 };
 use super::checks::{Checks, ChosenOn, MOST_SHOWN};
 use super::error::TrainError;
-use super::example::Example;
+use super::grid::{Grid, picture_grid};
 use super::learner::{Learner, StepLosses};
-use super::loader::Loader;
 use super::logs::{Logged, Logs};
-use super::picture::{Grid, Picture, picture_grid};
-use super::source::ExampleError;
 use super::validation::{Validated, Validation};
+use examples::Example;
+use examples::ExampleError;
+use examples::Loader;
+use examples::Picture;
 use plan::{Stage, TrainSettings};
 use render::atomic_file::{self, WriteError};
 use serde::{Deserialize, Serialize};

@@ -4,9 +4,9 @@
 //! comparison of Kim, Huo and Yoon (CVPR 2020, "Data analysis"). The camera's picture chooses the draw: the scores of
 //! mixtures are upper bounds.
 
-use super::mixture::{Mixture, MixtureError, MixtureRecipe};
 use super::{Picture, Stream};
 use compose::{EvaluateError, Factor, Scores, own_best_factor, psnr_colour_db, score};
+use examples::mixture::{Mixture, MixtureError, MixtureRecipe};
 use image::RgbImage;
 use rayon::prelude::*;
 

@@ -3,9 +3,9 @@
 //! A network reads more pixels of a tile than it keeps of its output: kept pixels are at least the network's reach away
 //! from every cut.
 
-use super::example::Planes;
-use super::picture::Picture;
 use candle_core::{Device, Result, Tensor};
+use examples::Picture;
+use examples::Planes;
 use std::ops::Range;
 
 /// Tiles of a network.

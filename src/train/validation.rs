@@ -1,9 +1,9 @@
 //! Scores of a training's networks on validation images.
 
-use super::picture::Picture;
-use super::srgb_planes::bytes_of_planes;
 use candle_core::{Error, Result};
 use compose::psnr_colour_db;
+use examples::Picture;
+use examples::bytes_of_planes;
 use plan::Stage;
 use render::color::srgb_to_linear;
 

@@ -1,7 +1,7 @@
 //! Separation of photographs at a reduced size: networks work at the size of their training examples, and the
 //! photographs keep their detail.
 
-use super::picture::Picture;
+use examples::Picture;
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 use render::color::{SrgbEncoder, srgb_to_linear};

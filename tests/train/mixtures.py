@@ -1,4 +1,4 @@
-"""Makes tests/train/mixtures.safetensors, for src/train/mixture/tests.rs.   pip install numpy scipy opencv-python-headless safetensors
+"""Makes tests/train/mixtures.safetensors, for src/examples/mixture/tests.rs.   pip install numpy scipy opencv-python-headless safetensors
 
 Pictures are f32 planes of R, G and B. Each case NAME has its parameters NAME.draw (for Zhang: sigma_px, attenuation, mask_row,
 mask_column, transmitted; for CEILNet: sigma_px), NAME.input and NAME.reflection."""

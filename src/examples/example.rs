@@ -25,7 +25,7 @@ impl Example {
     }
 
     /// Returns an example of the given size: the results of `layer` for all layers.
-    pub(super) fn map(
+    pub(crate) fn map(
         &self,
         [rows, columns]: [usize; 2],
         layer: impl Fn(&Planes) -> Planes,

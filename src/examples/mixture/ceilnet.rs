@@ -6,7 +6,7 @@
 
 use super::blur::{Border, blur, gaussian};
 use super::{Mixture, MixtureError, Picture, check, doubles, planes};
-use crate::Stream;
+use compose::Stream;
 
 /// Width of the blur's window, px.
 const WINDOW_PX: usize = 11;

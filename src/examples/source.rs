@@ -68,7 +68,7 @@ pub enum Base {
 }
 
 impl Base {
-    pub(super) fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         match self {
             Self::Example(example) => example.bytes(),
             Self::Linear(tuple) => tuple.bytes(),

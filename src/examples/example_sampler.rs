@@ -25,7 +25,7 @@ pub enum SceneSource {
 }
 
 impl SceneSource {
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         match self {
             Self::Tuples(source) => source.lines.len(),
             Self::Photographs(source) => source.lines.len(),
@@ -46,8 +46,8 @@ type Orders = HashMap<(&'static str, u64), Vec<usize>>;
 
 /// Reader of the examples of every step.
 pub struct ExampleSampler {
-    pub(super) settings: TrainSettings,
-    pub(super) scenes: SceneSource,
+    pub(crate) settings: TrainSettings,
+    pub(crate) scenes: SceneSource,
     real: PairSource,
     /// Memory for examples, bytes. A data set that fits is read once.
     memory: usize,
@@ -177,7 +177,7 @@ impl ExampleSampler {
 
     /// Returns the tuple or the photographs of a scene; `None` without a tuple. With `follow`, waits until the scene has
     /// a tuple or is in quarantine.
-    pub(super) fn scene(&self, index: usize) -> Result<Option<Arc<Base>>, ExampleError> {
+    pub(crate) fn scene(&self, index: usize) -> Result<Option<Arc<Base>>, ExampleError> {
         let source = match &self.scenes {
             SceneSource::Photographs(source) => {
                 return self.base((false, index), || source.read(index).map(Some));
@@ -278,7 +278,7 @@ impl ExampleSampler {
     }
 }
 
-pub(super) fn too_small(rows: usize, columns: usize, crop_px: usize) -> ExampleError {
+pub(crate) fn too_small(rows: usize, columns: usize, crop_px: usize) -> ExampleError {
     ExampleError::None(format!(
         "an example has {columns} x {rows} px, but the crop is {crop_px} px: make the crop smaller"
     ))

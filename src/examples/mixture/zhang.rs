@@ -5,7 +5,7 @@
 
 use super::blur::{Border, blur, gaussian};
 use super::{Mixture, MixtureError, Picture, check, doubles, planes};
-use crate::Stream;
+use compose::Stream;
 
 const GAMMA: f64 = 2.2;
 

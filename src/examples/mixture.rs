@@ -15,7 +15,8 @@ mod zhang;
 pub use ceilnet::{CeilnetDraw, ceilnet};
 pub use zhang::{ZhangDraw, zhang};
 
-use super::{Picture, Stream};
+use crate::picture::Picture;
+use compose::Stream;
 
 /// A mixed pair as sRGB codes from 0 to 1.
 #[derive(Clone, Debug, PartialEq)]

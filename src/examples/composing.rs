@@ -11,7 +11,7 @@ impl ExampleSampler {
     /// Composes the example at a position of the sequence of scenes. `index` is the front's scene, and the reflection
     /// comes from one of the first `others` scenes that are not the front's. `stream` draws the crops and the other
     /// scene; streams of their own draw all other numbers and the noise, so that crops are those of rendered examples.
-    pub(super) fn composed(
+    pub(crate) fn composed(
         &self,
         position: u64,
         [index, others]: [usize; 2],

@@ -1,7 +1,6 @@
-//! Inputs and outputs of networks as pictures, and grids of pictures.
+//! Grids of pictures, for logs.
 
-use super::example::Planes;
-use super::srgb_planes::bytes_of_planes;
+use examples::Picture;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageEncoder, RgbImage, imageops};
 use render::color::SrgbEncoder;
@@ -10,31 +9,6 @@ const GAP: u32 = 4;
 
 /// Largest width of a picture in a grid, px.
 const WIDEST: u32 = 256;
-
-/// A planar image of sRGB codes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
-    pub rows: usize,
-    pub columns: usize,
-    pub planes: Planes,
-}
-
-impl Picture {
-    pub fn to_rgb(&self) -> RgbImage {
-        let (width, height) = (self.columns as u32, self.rows as u32);
-        let mut picture = RgbImage::new(width, height);
-        picture.copy_from_slice(&bytes_of_planes(&self.planes));
-        picture
-    }
-
-    pub fn from_rgb(picture: &RgbImage) -> Self {
-        Self {
-            rows: picture.height() as usize,
-            columns: picture.width() as usize,
-            planes: super::srgb_planes::planes_of_bytes(picture.as_raw()),
-        }
-    }
-}
 
 pub struct Grid {
     pub png: Vec<u8>,

@@ -1,0 +1,27 @@
+//! The examples of every training step, as a function of the settings, the seed and the step.
+//!
+//! ```text
+//! source (tuples, photographs, pairs) -> example_sampler (order, crops) -> loader (reads ahead)
+//!                                         `-> composing (composed in linear light), mixture (mixed in image space)
+//! ```
+//!
+//! This crate contains no networks, so that trainers of other programs can use it.
+
+mod composing;
+mod example;
+mod example_sampler;
+mod loader;
+pub mod mixture;
+mod picture;
+mod source;
+mod srgb_planes;
+mod subject;
+
+pub use example::{Example, Planes};
+pub use example_sampler::{ExampleSampler, SceneSource};
+pub use loader::Loader;
+pub use picture::Picture;
+pub use source::{
+    Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleFilesError, TupleSource,
+};
+pub use srgb_planes::{bytes_of_planes, planes_of_bytes, planes_of_linear};
