@@ -46,6 +46,17 @@ pub(crate) enum Samples {
     F32(Vec<f32>),
 }
 
+impl Samples {
+    /// Returns the size in memory, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        match self {
+            Self::U8(samples) => samples.len(),
+            Self::U16(samples) => 2 * samples.len(),
+            Self::F32(samples) => 4 * samples.len(),
+        }
+    }
+}
+
 /// Length of the shortest header of a binary PNM, `P5 1 1 1 `.
 const PNM_HEADER_BYTES: u64 = 9;
 

@@ -4,17 +4,22 @@ use super::color;
 use super::error::AssembleError;
 use super::geometry::BackCamera;
 use crate::formats::error::SceneError;
-use crate::formats::files::NamedBytes;
+use crate::formats::raster::Raster;
 use crate::line::Card as CardLine;
 use crate::trace::{Card, Slab, Texture};
 use glam::DVec3;
+use std::path::Path;
 use std::sync::Arc;
 
-/// Decodes the picture of a card: radiance times alpha, and alpha. Interpolation mixes these products, so that the colour of a
+/// Converts the samples of a card's picture: radiance times alpha, and alpha. Interpolation mixes these products, so that the colour of a
 /// transparent texel does not bleed.
-pub(super) fn decode_card(card: &CardLine, file: &NamedBytes) -> Result<Arc<Texture>, SceneError> {
+pub(super) fn card_texture(
+    card: &CardLine,
+    path: &Path,
+    samples: &Raster,
+) -> Result<Arc<Texture>, SceneError> {
     let scale = card.illuminant.map(|c| card.exposure * c);
-    let (mut color, alpha) = color::decode_with_alpha(file, card.transfer, scale)?;
+    let (mut color, alpha) = color::with_alpha(path, samples, card.transfer, scale)?;
     for (index, texel) in color.radiance.iter_mut().enumerate() {
         let alpha = alpha.as_ref().map_or(1.0, |alpha| alpha[index]);
         *texel = [texel[0] * alpha, texel[1] * alpha, texel[2] * alpha, alpha];

@@ -10,6 +10,7 @@ use crate::formats::npy_header::Element;
 use crate::formats::raster::{self, Raster, Samples};
 use crate::formats::{exr_raster, pfm};
 use crate::line::{Highlights, Orientation, Transfer};
+use std::path::Path;
 use std::rc::Rc;
 
 pub(super) const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";
@@ -34,13 +35,21 @@ pub(super) fn decode(
     transfer: Transfer,
     scale: [f64; 3],
 ) -> Result<Color, SceneError> {
+    radiance(&file.path, &decode_samples(file, orientation)?, transfer, scale)
+}
+
+/// Decodes the samples of a colour image: the first half of [`decode`], for several exposures of the same image.
+pub(super) fn decode_samples(
+    file: &NamedBytes,
+    orientation: Orientation,
+) -> Result<Raster, SceneError> {
     let raster = match file.format(FORMATS)? {
         FileFormat::Exr => exr_raster::decode_color(file)?,
         FileFormat::Npy => decode_npy(file)?,
         FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
     };
-    radiance(file, raster.read_as(orientation), transfer, scale)
+    Ok(raster.read_as(orientation))
 }
 
 /// Decodes a colour image like [`decode`], upright, with its straight alpha, row by row; `None` without alpha. An error if an
@@ -50,12 +59,26 @@ pub(super) fn decode_with_alpha(
     transfer: Transfer,
     scale: [f64; 3],
 ) -> Result<(Color, Option<Vec<f32>>), SceneError> {
+    with_alpha(&file.path, &decode_straight(file)?, transfer, scale)
+}
+
+/// Decodes the samples of a picture with straight alpha: the first half of [`decode_with_alpha`].
+pub(super) fn decode_straight(file: &NamedBytes) -> Result<Raster, SceneError> {
     let raster = match straight_format(file)? {
         FileFormat::Npy => decode_npy(file)?,
         FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
     };
-    let raster = raster.read_as(Orientation::Upright);
+    Ok(raster.read_as(Orientation::Upright))
+}
+
+/// Converts decoded samples to radiance and alpha. `path` is for errors.
+pub(super) fn with_alpha(
+    path: &Path,
+    raster: &Raster,
+    transfer: Transfer,
+    scale: [f64; 3],
+) -> Result<(Color, Option<Vec<f32>>), SceneError> {
     let of = raster.channels;
     let alpha = of.is_multiple_of(2).then(|| -> Vec<f32> {
         match &raster.samples {
@@ -64,16 +87,18 @@ pub(super) fn decode_with_alpha(
             Samples::F32(v) => v.chunks_exact(of).map(|p| p[of - 1]).collect(),
         }
     });
-    let width = raster.width;
-    let color = radiance(file, raster, transfer, scale)?;
+    let color = radiance(path, raster, transfer, scale)?;
     let is_bad = |alpha: &f32| !(0.0..=1.0).contains(alpha);
     match alpha.iter().flatten().position(is_bad) {
         None => Ok((color, alpha)),
         Some(at) => {
-            let (x, y) = (at % width, at / width);
+            let (x, y) = (at % color.width, at / color.width);
             let value = alpha.map_or(0.0, |alpha| alpha[at]);
-            let found = format!("an alpha of {value} at ({x} px, {y} px)");
-            Err(file.wrong_layout(found, "an alpha of 0 to 1"))
+            Err(SceneError::Layout {
+                path: path.to_owned(),
+                found: format!("an alpha of {value} at ({x} px, {y} px)"),
+                expected: "an alpha of 0 to 1",
+            })
         }
     }
 }
@@ -92,15 +117,15 @@ pub(super) fn straight_format(file: &NamedBytes) -> Result<FileFormat, SceneErro
 
 /// Converts a decoded image to linear Rec.709 radiance; see [`decode`].
 fn radiance(
-    file: &NamedBytes,
-    raster: Raster,
+    path: &Path,
+    raster: &Raster,
     transfer: Transfer,
     scale: [f64; 3],
 ) -> Result<Color, SceneError> {
-    let unusable = |source| SceneError::Color { path: file.path.clone(), source };
-    let Raster { width, height, channels, .. } = raster;
-    let space = raster.color.map_err(unusable)?;
-    let radiance = match (&raster.samples, &space) {
+    let unusable = |source| SceneError::Color { path: path.to_owned(), source };
+    let &Raster { width, height, channels, .. } = raster;
+    let space = raster.color.as_ref().map_err(|source| unusable(source.clone()))?;
+    let radiance = match (&raster.samples, space) {
         (Samples::U8(codes), Some(space)) => {
             converted(codes, channels, space, transfer, scale, 255)
         }
@@ -119,24 +144,24 @@ fn radiance(
             (transfer::to_linear(transfer, value as f64) * scale[c]) as f32
         }),
     };
-    let max_radiance = max_of_radiance(file, &radiance, width)?;
+    let max_radiance = max_of_radiance(path, &radiance, width)?;
     Ok(Color { width, height, radiance, max_radiance })
 }
 
-/// Decodes like [`decode`], but expands clipped highlights by `curve` before `scale`.
-pub(super) fn decode_expanded(
-    file: &NamedBytes,
-    orientation: Orientation,
+/// Converts decoded samples to radiance, and expands clipped highlights by `curve` before `scale`. `path` is for errors.
+pub(super) fn expanded(
+    path: &Path,
+    raster: &Raster,
     transfer: Transfer,
     curve: Option<Highlights>,
     scale: [f64; 3],
 ) -> Result<Color, SceneError> {
     let Some(curve) = curve else {
-        return decode(file, orientation, transfer, scale);
+        return radiance(path, raster, transfer, scale);
     };
-    let mut color = decode(file, orientation, transfer, [1.0; 3])?;
+    let mut color = radiance(path, raster, transfer, [1.0; 3])?;
     highlights::expand(&mut color.radiance, curve, scale);
-    color.max_radiance = max_of_radiance(file, &color.radiance, color.width)?;
+    color.max_radiance = max_of_radiance(path, &color.radiance, color.width)?;
     Ok(color)
 }
 
@@ -243,11 +268,7 @@ fn pixels<T: Copy>(
 }
 
 /// Returns the largest radiance of any channel; an error if a value is NaN, infinite or negative.
-fn max_of_radiance(
-    file: &NamedBytes,
-    radiance: &[[f32; 4]],
-    width: usize,
-) -> Result<f32, SceneError> {
+fn max_of_radiance(path: &Path, radiance: &[[f32; 4]], width: usize) -> Result<f32, SceneError> {
     let mut max = [0.0f32; 4];
     let mut all_good = true;
     for pixel in radiance {
@@ -265,7 +286,7 @@ fn max_of_radiance(
     let is_bad = |pixel: &[f32; 4]| pixel.iter().any(|value| !(0.0..f32::INFINITY).contains(value));
     let first = radiance.iter().position(is_bad).expect("the loop above found one");
     Err(SceneError::Radiance {
-        path: file.path.clone(),
+        path: path.to_owned(),
         count: radiance.iter().filter(|pixel| is_bad(pixel)).count(),
         x: first % width,
         y: first / width,
@@ -361,14 +382,17 @@ mod tests {
         let codes: Vec<u8> = (0..=255).collect();
         let image = png(&codes, 16, 16, Png::L8);
         let plain = decode(&image, Upright, Transfer::Srgb, [0.7; 3]).unwrap();
-        let off = decode_expanded(&image, Upright, Transfer::Srgb, None, [0.7; 3]).unwrap();
+        let samples = decode_samples(&image, Upright).unwrap();
+        let expand =
+            |curve, scale| expanded(&image.path, &samples, Transfer::Srgb, curve, scale).unwrap();
+        let off = expand(None, [0.7; 3]);
         let bits = |color: &Color| {
             let values = color.radiance.iter().flatten();
             values.map(|value| value.to_bits()).collect::<Vec<_>>()
         };
         assert_eq!(bits(&off), bits(&plain));
         let curve = Highlights { above: 0.9, to: 8.0 };
-        let on = decode_expanded(&image, Upright, Transfer::Srgb, Some(curve), [0.5; 3]).unwrap();
+        let on = expand(Some(curve), [0.5; 3]);
         assert_eq!(on.max_radiance, 4.0);
         assert_eq!(on.radiance[255], [4.0, 4.0, 4.0, 0.0]);
         // Code 243 is 0.896, 244 is 0.905.

@@ -1,7 +1,6 @@
 //! Reads, decodes and assembles a scene's files. Decoding is pure.
 
-use super::cache::PhotographCache;
-use super::card::decode_card;
+use super::cache::{PhotographCache, PhotographDigests};
 use super::facts::order_facts;
 use super::panorama::decode_panorama;
 use super::sketch;
@@ -160,7 +159,14 @@ pub fn load_with(
     files: &SceneFiles,
     cache: &PhotographCache,
 ) -> Result<LoadedScene, LoadError> {
-    let decoded = decode_with(line, files, cache)?;
+    assemble_loaded(line, decode_with(line, files, &SceneDigests::of(files), cache)?)
+}
+
+/// Assembles a decoded scene.
+pub(super) fn assemble_loaded(
+    line: &SceneLine,
+    decoded: DecodedScene,
+) -> Result<LoadedScene, LoadError> {
     let inputs = decoded.inputs.clone();
     let (scene, facts) = assemble_decoded(line, decoded)?;
     Ok(LoadedScene { scene, facts, inputs })
@@ -169,39 +175,34 @@ pub fn load_with(
 /// Decodes the files: the first half of [`load`], for several scenes of the same photographs. Decodes only the part of
 /// a panorama that is visible in this line.
 pub fn decode(line: &SceneLine, files: &SceneFiles) -> Result<DecodedScene, LoadError> {
-    decode_with(line, files, &PhotographCache::new(0))
+    decode_with(line, files, &SceneDigests::of(files), &PhotographCache::new(0))
 }
 
-/// Like [`decode`], with photographs from a cache.
-fn decode_with(
+/// Like [`decode`], with photographs from a cache. `digests` are those of the files.
+pub(super) fn decode_with(
     line: &SceneLine,
     files: &SceneFiles,
+    digests: &SceneDigests,
     cache: &PhotographCache,
 ) -> Result<DecodedScene, LoadError> {
-    let [front, back] = [&files.front, &files.back].map(Digests::of);
-    let digest = |file: &NamedBytes| blake3::hash(&file.bytes).to_hex().to_string();
-    let inputs = front.named("front").chain(back.named("back"));
-    let of_cards = ["front", "back"].into_iter().zip(&files.cards).flat_map(|(side, cards)| {
-        (0..)
-            .zip(cards)
-            .map(move |(index, card)| (format!("{side}.{}", card_key(index)), digest(card)))
-    });
-    let of_map = files.smudges.iter().map(|map| (SMUDGES_MAP.to_owned(), digest(map)));
-    let inputs = InputDigests(inputs.chain(of_cards).chain(of_map).collect());
-    let side = |side: &Side, files, digests, of_cards: &[NamedBytes], sight: &dyn Fn() -> Sight| {
-        let side = side.seen_by(&line.camera);
-        let cards = side.cards().iter().zip(of_cards);
-        Ok::<_, SceneError>(DecodedSide {
-            surface: decode_side(&side, files, digests, cache, sight)?,
-            cards: cards.map(|(card, file)| decode_card(card, file)).collect::<Result<_, _>>()?,
-        })
-    };
+    let side =
+        |index: usize, side: &Side, files, sight: &dyn Fn() -> Sight, of_cards: &[NamedBytes]| {
+            let side = side.seen_by(&line.camera);
+            let digests = &digests.sides[index];
+            let cards = side.cards().iter().zip(of_cards).zip(&digests.cards);
+            Ok::<_, SceneError>(DecodedSide {
+                surface: decode_side(&side, files, digests, cache, sight)?,
+                cards: cards
+                    .map(|((card, file), digest)| cache.card(card, file, *digest))
+                    .collect::<Result<_, _>>()?,
+            })
+        };
     let [of_front, of_back] = &files.cards;
     Ok(DecodedScene {
-        front: side(&line.front, &files.front, &front, of_front, &|| Sight::front(line))?,
-        back: side(&line.back, &files.back, &back, of_back, &|| Sight::back(line))?,
+        front: side(0, &line.front, &files.front, &|| Sight::front(line), of_front)?,
+        back: side(1, &line.back, &files.back, &|| Sight::back(line), of_back)?,
         smudges: files.smudges.as_ref().map(decode_map).transpose()?,
-        inputs,
+        inputs: digests.inputs(),
     })
 }
 
@@ -209,14 +210,13 @@ fn decode_with(
 fn decode_side(
     side: &Side,
     files: &SideFiles,
-    digests: &Digests,
+    digests: &SideDigests,
     cache: &PhotographCache,
     sight: impl Fn() -> Sight,
 ) -> Result<Decoded, SceneError> {
     Ok(match (side, files) {
         (Side::Photograph(line), SideFiles::Photograph(files)) => {
-            let digests = ["color", "depth", "mask"].map(|part| digests.get(part));
-            cache.photograph(line, files, digests)?.into()
+            cache.photograph(line, files, digests.of_photograph())?.into()
         }
         (Side::Panorama(line), SideFiles::Panorama(files)) => {
             decode_panorama(line, files, &sight())?.into()
@@ -226,11 +226,56 @@ fn decode_side(
     })
 }
 
-/// Digests of one side's files, by their part of the side.
-struct Digests(Vec<(&'static str, blake3::Hash)>);
+/// Digests of a scene's files.
+pub(super) struct SceneDigests {
+    /// Front and back.
+    pub(super) sides: [SideDigests; 2],
+    smudges: Option<blake3::Hash>,
+}
 
-impl Digests {
-    fn of(files: &SideFiles) -> Self {
+/// Digests of one side's files.
+pub(super) struct SideDigests {
+    /// Those of the surface, by their part of the side.
+    surface: Vec<(&'static str, blake3::Hash)>,
+    pub(super) cards: Vec<blake3::Hash>,
+}
+
+impl SceneDigests {
+    pub(super) fn of(files: &SceneFiles) -> Self {
+        let [of_front, of_back] = &files.cards;
+        Self {
+            sides: [SideDigests::of(&files.front, of_front), SideDigests::of(&files.back, of_back)],
+            smudges: files.smudges.as_ref().map(|map| blake3::hash(&map.bytes)),
+        }
+    }
+
+    /// Makes the digests of a scene of two photographs without a map of smudges.
+    pub(super) fn of_photographs(sides: [(PhotographDigests, Vec<blake3::Hash>); 2]) -> Self {
+        let side = |([color, depth, mask], cards): (PhotographDigests, _)| SideDigests {
+            surface: [("color", color), ("depth", depth), ("mask", mask)]
+                .into_iter()
+                .filter_map(|(part, digest)| Some((part, digest?)))
+                .collect(),
+            cards,
+        };
+        Self { sides: sides.map(side), smudges: None }
+    }
+
+    pub(super) fn inputs(&self) -> InputDigests {
+        let hex = |digest: &blake3::Hash| digest.to_hex().to_string();
+        let of_sides = ["front", "back"].into_iter().zip(&self.sides).flat_map(|(name, side)| {
+            let surface =
+                side.surface.iter().map(move |(part, d)| (format!("{name}.{part}"), hex(d)));
+            let cards = side.cards.iter().enumerate();
+            surface.chain(cards.map(move |(k, d)| (format!("{name}.{}", card_key(k)), hex(d))))
+        });
+        let of_map = self.smudges.iter().map(|digest| (SMUDGES_MAP.to_owned(), hex(digest)));
+        InputDigests(of_sides.chain(of_map).collect())
+    }
+}
+
+impl SideDigests {
+    fn of(files: &SideFiles, cards: &[NamedBytes]) -> Self {
         let parts = match files {
             SideFiles::Photograph(p) => vec![
                 ("color", Some(&p.color)),
@@ -244,16 +289,15 @@ impl Digests {
         };
         let digest =
             |(part, file): (_, Option<&NamedBytes>)| Some((part, blake3::hash(&file?.bytes)));
-        Self(parts.into_iter().filter_map(digest).collect())
+        Self {
+            surface: parts.into_iter().filter_map(digest).collect(),
+            cards: cards.iter().map(|file| blake3::hash(&file.bytes)).collect(),
+        }
     }
 
-    fn get(&self, part: &str) -> Option<blake3::Hash> {
-        self.0.iter().find(|(of, _)| *of == part).map(|(_, digest)| *digest)
-    }
-
-    fn named(&self, side: &str) -> impl Iterator<Item = (String, String)> {
-        self.0
-            .iter()
-            .map(move |(part, digest)| (format!("{side}.{part}"), digest.to_hex().to_string()))
+    /// Returns the digests of colour image, depth image and mask.
+    pub(super) fn of_photograph(&self) -> PhotographDigests {
+        let get = |part: &str| self.surface.iter().find(|(of, _)| *of == part).map(|(_, d)| *d);
+        ["color", "depth", "mask"].map(get)
     }
 }

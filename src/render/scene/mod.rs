@@ -33,6 +33,7 @@ mod fill;
 mod geometry;
 mod highlights;
 mod load;
+mod loader;
 mod look;
 mod mask;
 mod mesh;
@@ -61,6 +62,7 @@ pub use load::{
     DecodedScene, InputDigests, LoadError, LoadedScene, SceneFiles, SideFiles, decode, load,
     load_with, read_files, read_files_by,
 };
+pub use loader::SceneLoader;
 pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 pub use mesh::{Polygons, decode_mesh};
 pub(crate) use photograph::decode_srgb_image;

@@ -59,9 +59,9 @@ pub(super) fn decode_panorama(
             file.wrong_layout("radiance, not sRGB".to_owned(), "\"transfer\": \"linear\" with it")
         );
     }
-    let image = color::decode_expanded(
-        file,
-        Orientation::Upright,
+    let image = color::expanded(
+        &file.path,
+        &color::decode_samples(file, Orientation::Upright)?,
         line.transfer,
         line.highlights,
         line.illuminant.map(|c| line.exposure * c),

@@ -5,6 +5,7 @@ use super::turned::{PhotographSizes, check_turned};
 use super::{center, color, depth, fill, mask};
 use crate::formats::error::SceneError;
 use crate::formats::files::{NamedBytes, PhotographFiles};
+use crate::formats::raster::Raster;
 use crate::line::{Fill, Intrinsics, Orientation, Photograph, Transfer, validate_side};
 use crate::trace::{Grid, Texture};
 use std::path::Path;
@@ -46,10 +47,39 @@ impl Sheet {
     pub fn radiance(&self) -> impl Iterator<Item = &[f32; 4]> {
         self.texture.rows().flatten()
     }
+}
 
+/// The geometry of a photograph: everything but its colours. Lines that differ only in their light share it.
+pub(super) struct Shape {
+    width: usize,
+    height: usize,
+    grid: Arc<Grid>,
+    valid: Arc<[bool]>,
+    filled_share: f64,
+    relative: Option<RelativeEnds>,
+    intrinsics: Intrinsics,
+    front_center_z_m: f64,
+}
+
+impl Shape {
     /// Returns the size in memory, bytes.
     pub(super) fn bytes(&self) -> usize {
-        self.grid.bytes() + self.texture.bytes() + self.valid.len()
+        self.grid.bytes() + self.valid.len()
+    }
+
+    /// Adds the colours. The sheet shares the geometry.
+    pub(super) fn with(&self, texture: Arc<Texture>) -> Sheet {
+        Sheet {
+            width: self.width,
+            height: self.height,
+            grid: Arc::clone(&self.grid),
+            valid: Arc::clone(&self.valid),
+            filled_share: self.filled_share,
+            relative: self.relative,
+            texture,
+            intrinsics: self.intrinsics,
+            front_center_z_m: self.front_center_z_m,
+        }
     }
 }
 
@@ -59,8 +89,23 @@ impl Sheet {
 /// a normal `f32` inverse (nearer than about 3e-39 m, farther than 8.5e37 m) is an error, because a placeholder such as
 /// `FLT_MAX` must not become a surface.
 pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<Sheet, SceneError> {
+    check_line(line, &files.color.path)?;
+    let shape = decode_shape(line, files)?;
+    let samples = color::decode_samples(&files.color, line.orientation)?;
+    Ok(shape.with(texture(line, &files.color.path, &samples)?.into()))
+}
+
+/// Checks the numbers of the line. `path` is for errors.
+pub(super) fn check_line(line: &Photograph, path: &Path) -> Result<(), SceneError> {
     validate_side("photograph", &line.clone().into())
-        .map_err(|source| SceneError::Parameter { path: files.color.path.clone(), source })?;
+        .map_err(|source| SceneError::Parameter { path: path.to_owned(), source })
+}
+
+/// Decodes depth image and mask.
+pub(super) fn decode_shape(
+    line: &Photograph,
+    files: &PhotographFiles,
+) -> Result<Shape, SceneError> {
     let mut depth = depth::decode(&files.depth, line.orientation, line.depth_unit_m)?;
     let depth_size = depth.size;
     let (width, height) = (depth.width, depth.height);
@@ -98,25 +143,27 @@ pub fn decode_photograph(line: &Photograph, files: &PhotographFiles) -> Result<S
         Fill::Smooth => fill::smooth(&mut inverse_depth_per_m, width, height),
         Fill::Far => fill::far(&mut inverse_depth_per_m),
     }
-
-    let color = color::decode_expanded(
-        &files.color,
-        line.orientation,
-        line.transfer,
-        line.highlights,
-        line.illuminant.map(|c| line.exposure * c),
-    )?;
-    Ok(Sheet {
+    Ok(Shape {
         width,
         height,
         grid: Grid::new(width, height, inverse_depth_per_m).into(),
         valid: valid.into(),
         filled_share: hole_count as f64 / (width * height) as f64,
         relative,
-        texture: Texture::from_vec(color.width, color.height, color.radiance).into(),
         intrinsics,
         front_center_z_m,
     })
+}
+
+/// Converts the samples of the colour image to the line's light. `path` is for errors.
+pub(super) fn texture(
+    line: &Photograph,
+    path: &Path,
+    samples: &Raster,
+) -> Result<Texture, SceneError> {
+    let scale = line.illuminant.map(|c| line.exposure * c);
+    let color = color::expanded(path, samples, line.transfer, line.highlights, scale)?;
+    Ok(Texture::from_vec(color.width, color.height, color.radiance))
 }
 
 /// Decodes width, height and pixels of a colour image in any format, with codes taken as linear. Values must be finite
