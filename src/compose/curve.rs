@@ -24,6 +24,11 @@ const NODE_COUNT: usize = (16 << NODE_BITS) + 1;
 static SRGB: LazyLock<Vec<f32>> =
     LazyLock::new(|| (0..NODE_COUNT).map(|k| linear_to_srgb(node(k)) as f32).collect());
 
+/// Makes the table that is otherwise made at its first use.
+pub(crate) fn prepare() {
+    LazyLock::force(&SRGB);
+}
+
 fn node(k: usize) -> f32 {
     f32::from_bits((FIRST + k as u32) << BETWEEN_BITS)
 }

@@ -84,5 +84,14 @@ pub use table::{Protocol, means_tables};
 pub use tuple_files::{encode_photograph, encode_tuple, encode_tuple_image, write_tuple};
 pub use veil::VeilRule;
 
+/// Makes the tables of composition and camera that would otherwise be made at their first use. A process calls this before
+/// it starts threads if it may fork later: a child that is forked while a thread makes a table would wait for ever.
+pub fn prepare() {
+    curve::prepare();
+    composition::prepare_codes();
+    composition::prepare_powers();
+    camera::prepare_photons();
+}
+
 #[cfg(test)]
 mod tests;

@@ -30,3 +30,4 @@ pub mod shard;
 pub mod trace;
 
 pub use loaded::Loaded;
+pub use scene::prepare;

@@ -22,6 +22,7 @@ mod shot;
 
 pub use dng::encode_dng;
 pub use matrix::{inverse as matrix_inverse, product as matrix_product};
+pub(crate) use photons::prepare as prepare_photons;
 pub use shot::Shot;
 
 #[cfg(test)]

@@ -35,6 +35,11 @@ static PHOTONS: LazyLock<Photons> = LazyLock::new(|| {
     }
 });
 
+/// Makes the table that is otherwise made at its first use.
+pub(crate) fn prepare() {
+    LazyLock::force(&PHOTONS);
+}
+
 impl Poisson {
     fn new(mean: f64) -> Self {
         let mut ends: Vec<u32> = Vec::new();

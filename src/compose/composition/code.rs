@@ -10,6 +10,11 @@ static OF_HALVES: LazyLock<Vec<f32>> = LazyLock::new(|| {
     (0..=one).map(|bits| linear_to_srgb(f16::from_bits(bits).to_f32()) as f32).collect()
 });
 
+/// Makes the table that is otherwise made at its first use.
+pub(crate) fn prepare() {
+    LazyLock::force(&OF_HALVES);
+}
+
 /// Returns the sRGB code of a linear value, clamped to [0, 1]: `linear_to_srgb` as f32, from a table for half floats.
 pub fn srgb_code(value: f32) -> f32 {
     // The sum turns -0, which has the bits of no index, into 0.

@@ -27,6 +27,7 @@ mod power;
 mod sensor;
 mod settings;
 
+pub(crate) use code::prepare as prepare_codes;
 pub use code::srgb_code;
 pub use cut::Cut;
 pub use draw::{Draw, DrawnCamera, DrawnExposure, DrawnSensor, DrawnStrength};
@@ -34,6 +35,7 @@ pub use example::{ComposedExample, Layering, LinearExample, Side};
 pub(crate) use exposure::brightest;
 pub use layers::{LUMINANCE, Layer, LinearTuple, TupleLayers};
 pub use mixture::DrawnZhang;
+pub(crate) use power::prepare as prepare_powers;
 pub use settings::{
     Camera, Composition, CompositionError, Exposure, LogNormal, Mixtures, PercentileExposure,
     Strength,

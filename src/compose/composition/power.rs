@@ -11,6 +11,12 @@ pub(super) static CODE: LazyLock<Power> = LazyLock::new(|| Power::new(1.0 / GAMM
 /// Linear light of codes.
 pub(super) static LIGHT: LazyLock<Power> = LazyLock::new(|| Power::new(GAMMA));
 
+/// Makes the tables that are otherwise made at their first use.
+pub(crate) fn prepare() {
+    LazyLock::force(&CODE);
+    LazyLock::force(&LIGHT);
+}
+
 /// Bits of a value's mantissa that choose its node.
 const NODE_BITS: u32 = 10;
 const BETWEEN_BITS: u32 = 23 - NODE_BITS;

@@ -70,4 +70,5 @@ pub use photograph::{Sheet, decode_linear_image, decode_photograph};
 pub use place::{Decoded, DecodedSide, MeshFacts};
 pub use relative::RelativeEnds;
 pub use smudges::SmudgeMap;
+pub use transfer::prepare;
 pub use turned::{PhotographSizes, check_turned};

@@ -16,6 +16,12 @@ pub(super) fn to_linear(transfer: Transfer, coded: f64) -> f64 {
 static SRGB_16: LazyLock<Vec<f64>> =
     LazyLock::new(|| (0..=u16::MAX).map(|code| decode_srgb(code as f64 / 65535.0)).collect());
 
+/// Makes the tables that would otherwise be made at their first use. A process calls this before it starts threads if it
+/// may fork later: a child that is forked while a thread makes a table would wait for that thread for ever.
+pub fn prepare() {
+    LazyLock::force(&SRGB_16);
+}
+
 /// Returns the radiance of each 8-bit code, times `exposure`.
 pub(super) fn table_8(transfer: Transfer, exposure: f64) -> Vec<f32> {
     (0..=u8::MAX).map(|code| (to_linear(transfer, code as f64 / 255.0) * exposure) as f32).collect()
