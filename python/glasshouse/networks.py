@@ -49,19 +49,19 @@ def mean_of_processes(x: Tensor) -> Tensor:
     return total / process_count()
 
 
-def normed(x: Tensor, gain: Tensor | None, offset: Tensor, epsilon: float) -> Tensor:
-    """Normalises channels by mean and variance over the batch of all processes, then applies `gain` and `offset`.
+def normed(x: Tensor, by_itself: Tensor | float, by_norm: Tensor, offset: Tensor, epsilon: float) -> Tensor:
+    """Returns `by_itself x + by_norm norm(x) + offset` in float32, (batch, channels, rows, columns) like `x`.
 
-    `x` is (batch, channels, rows, columns); `gain` (1 if None) and `offset` are (channels).
+    `norm` normalises channels by mean and variance over the batch of all processes. Coefficients are (1) or (channels).
     """
-    if process_count() == 1:
-        return F.batch_norm(x, None, None, gain, offset, training=True, eps=epsilon)
-    mean = _MeanOfProcesses.apply(x.float().mean((0, 2, 3), keepdim=True))
-    centred = x.float() - mean
-    variance = _MeanOfProcesses.apply(centred.square().mean((0, 2, 3), keepdim=True))
-    y: Tensor = centred * torch.rsqrt(variance + epsilon)
-    y = y if gain is None else y * gain.view(-1, 1, 1)
-    return (y + offset.view(-1, 1, 1)).to(x.dtype)
+    x = x.float()
+    variance, mean = torch.var_mean(x, (0, 2, 3), correction=0)
+    if process_count() > 1:
+        of_all: Tensor = _MeanOfProcesses.apply(mean)
+        variance = _MeanOfProcesses.apply(variance + (mean - of_all).square())
+        mean = of_all
+    scale = by_norm * torch.rsqrt(variance + epsilon)
+    return torch.addcmul((offset - mean * scale).view(-1, 1, 1), x, (by_itself + scale).view(-1, 1, 1))
 
 
 def parameters(*shapes: Sequence[int]) -> nn.ParameterList:
@@ -156,8 +156,8 @@ class Generator(nn.Module):
         return y + F.pad(images, (0, 0, 0, 0, 0, y.shape[1] - 3)) if self.is_residual else y
 
     def _activated(self, layer: int, x: Tensor) -> Tensor:
-        by_itself, by_norm = self.by_itself[layer].to(x.dtype), self.by_norm[layer].to(x.dtype)
-        return F.leaky_relu(by_itself * x + by_norm * normed(x, None, self.offset[layer], 1e-3), 0.2)
+        by_norm = self.by_norm[layer]
+        return F.leaky_relu(normed(x, self.by_itself[layer], by_norm, by_norm * self.offset[layer], 1e-3), 0.2)
 
 
 class Discriminator(nn.Module):
@@ -177,7 +177,7 @@ class Discriminator(nn.Module):
         for layer, stride in enumerate((2, 2, 2, 1, 1)):
             x = F.conv2d(x, self.kernel[layer], stride=stride, padding=1)
             if 1 <= layer <= 3:
-                x = normed(x, self.gain[layer - 1], self.offset[layer - 1], 1e-5)
+                x = normed(x, 0.0, self.gain[layer - 1], self.offset[layer - 1], 1e-5)
             if layer < 4:
                 x = F.leaky_relu(x, 0.2)
         return x
