@@ -210,7 +210,8 @@ def begun(lesson: Path, folder: Path, kind: str, steps: int) -> tuple[Path, str,
     options = {"features": vgg} if features else {}
     if kind == "backtrack":
         return run, "backtrack", options
-    rust("train", run, "--stage", "separation", "--steps", steps, *SMALL, *features, "--start", "random")
+    clipped = "--optimizer adamw --weight-decay 0.1 --clip-norm 0.05".split() if kind == "plain" else []
+    rust("train", run, "--stage", "separation", "--steps", steps, *SMALL, *features, *clipped, "--start", "random")
     return run, "separation", options
 
 
@@ -264,7 +265,9 @@ def test_the_features_and_the_generator_of_the_reference_with_caffes_style() -> 
     """Features and outputs are those of tests/train/caffe.py."""
     weights, expected = (load_file(REFERENCES / f"{name}.safetensors") for name in ("step", "caffe"))
     made = learner_of(BASE | {"feature_style": "caffe"}, weights)
-    image = weights["image.input"]
+    image, terms = weights["image.input"], dict[str, torch.Tensor]()
+    made._compare(terms, "transmission", image, weights["image.transmission"])
+    assert close(terms["transmission_feature"], 0.2 * expected["loss"])
     assert close(made.features(image)[-1], expected["conv5_2"])
     assert close(torch.cat([t for t in made.separate(image) if t is not None], 1), expected["made"])
 
@@ -321,6 +324,8 @@ def test_the_rust_program_reads_checkpoints(lesson: Path, tmp_path: Path, kind: 
             print(f"{kind}: {name} differs by {np.abs(codes - written).max():.0f} codes at most")
             assert np.abs(codes - written).max() <= 1
     rust("evaluate", run, "-q", *vgg)
+    rust("report", run, "-q")
+    assert "at step 4" in (run / "report" / "index.html").read_text()
     rust("train", run, "--stage", stage, "--steps", 5, "-q", *vgg)
     assert newest(run, stage).state["code_path"] != own.state["code_path"]
 
