@@ -1,8 +1,8 @@
 """Build backend: maturin's wheel, and the `glasshouse` command in it.
 
-maturin packs the extension module. Before that, this backend builds the command with the same arguments and puts it where maturin
-takes scripts from, so that `pip install` copies the executable itself beside `python`. `--no-default-features` among the build
-arguments leaves the command out.
+maturin packs the extension module. Before that, this backend builds the command with the same arguments and puts it
+where maturin takes scripts from, so that `pip install` copies the executable itself beside `python`.
+`--no-default-features` among the build arguments leaves the command out.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ from maturin import (  # noqa: F401
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "glasshouse.data"
+# maturin wants the folder at every call, also for metadata.
+DATA.mkdir(exist_ok=True)
 WITH_VALUE = ("--profile", "--target", "--target-dir")
 FLAGS = ("--offline", "--locked", "--frozen")
 
@@ -71,20 +73,25 @@ def _cargo(arguments: list[str]) -> list[str]:
 def _command(config_settings: Settings) -> Iterator[None]:
     """Puts the command into the folder of the wheel's scripts while the wheel is built."""
     arguments = _arguments(config_settings)
-    shutil.rmtree(DATA, ignore_errors=True)
-    if "--no-default-features" in arguments:
+    scripts = DATA / "scripts"
+    shutil.rmtree(scripts, ignore_errors=True)
+    try:
+        if "--no-default-features" not in arguments:
+            scripts.mkdir(parents=True)
+            shutil.copy2(_build(arguments), scripts)
         yield
-        return
-    call = ["cargo", "build", "--package=glasshouse", "--bin=glasshouse", "--message-format=json-render-diagnostics"]
-    built = subprocess.run([*call, *_cargo(arguments)], cwd=ROOT.parent, check=True, stdout=subprocess.PIPE, text=True)
+    finally:
+        shutil.rmtree(scripts, ignore_errors=True)
+
+
+def _build(arguments: list[str]) -> Path:
+    """Builds the command, and returns its path."""
+    # Both packages, so that dependencies have the features of maturin's call, which then compiles none of them again.
+    call = ["cargo", "build", "--package=glasshouse", "--package=glasshouse-python", "--bin=glasshouse"]
+    call += ["--message-format=json-render-diagnostics", *_cargo(arguments)]
+    built = subprocess.run(call, cwd=ROOT.parent, check=True, stdout=subprocess.PIPE, text=True)
     messages = (json.loads(line) for line in built.stdout.splitlines() if line.startswith("{"))
     paths = [message["executable"] for message in messages if message.get("executable")]
     if not paths:
         raise RuntimeError("cargo built no executable of the package glasshouse")
-    scripts = DATA / "scripts"
-    scripts.mkdir(parents=True)
-    try:
-        shutil.copy2(paths[-1], scripts)
-        yield
-    finally:
-        shutil.rmtree(DATA, ignore_errors=True)
+    return Path(paths[-1])

@@ -1,8 +1,8 @@
 """Physically based training data for single-image reflection removal, rendered while you train.
 
-Two photographs with depth become surfaces, with a pane of glass and a camera between them. A *tuple* has four linear pictures of
-such a scene: `input` (I, what the camera sees), `transmission` (T, the scene behind the glass), `glass_reflection` (R~, what the
-glass adds) and `clean_reflection` (R, the reflected scene itself).
+Two photographs with depth become surfaces, with a pane of glass and a camera between them. A *tuple* has four linear
+pictures of such a scene: `input` (I, what the camera sees), `transmission` (T, the scene behind the glass),
+`glass_reflection` (R~, what the glass adds) and `clean_reflection` (R, the reflected scene itself).
 
 - `render` renders one scene; `read` reads what the command `glasshouse` rendered; `plan` turns a recipe into scenes.
 - `Tuples` is a data set that renders its scenes when they are asked for.
@@ -12,8 +12,8 @@ glass adds) and `clean_reflection` (R, the reflected scene itself).
 - `python -m glasshouse.train` trains the networks of `glasshouse train` in PyTorch.
 """
 
-from ._native import TRACER_VERSION, GlasshouseError, SceneError, __version__
-from .examples import Examples, Mixtures, train_settings
+from ._native import TRACER_VERSION, GlasshouseError, SceneError, __version__, blake3
+from .examples import Examples, Mixtures, initial_weights, train_settings
 from .planning import plan
 from .rendering import Rendered, Run, read, render
 from .tuples import Tuples
@@ -28,6 +28,8 @@ __all__ = [
     "SceneError",
     "Tuples",
     "__version__",
+    "blake3",
+    "initial_weights",
     "plan",
     "read",
     "render",

@@ -1,14 +1,15 @@
 """Examples as the dictionaries that published training programs read.
 
-Each function turns `Mixtures` into a map-style data set with the keys of a program's own synthetic data set, so that it can stand
-in that data set's place, or beside it in the program's `FusionDataset`:
+Each function turns `Mixtures` into a map-style data set with the keys of a program's own synthetic data set, so that it
+can stand in that data set's place, or beside it in the program's `FusionDataset`:
 
     XReflection   input, target_t, target_r = M - B, fn, real, inp_path    DSRDataset
     RDNet         input, target_t, target_r = M - B, fn, real              DSRDataset
     DSRNet        input, target_t, target_r = R, fn, real                  DSRDataset
     ERRNet        input, target_t, target_r = R, fn                        CEILDataset
 
-M is the input, B the transmission and R the reflection; all are float32 (3, S, S) codes from 0 to 1, M - B from -1 to 1.
+M is the input, B the transmission and R the reflection; all are float32 (3, S, S) codes from 0 to 1, M - B from -1 to
+1.
 """
 
 from __future__ import annotations

@@ -20,16 +20,31 @@ COMPOSED = ("composed", "linear_mixtures", "zhang_mixtures", "ceilnet_mixtures")
 """Kinds of examples that are made of tuples in linear light."""
 
 
-def train_settings(run: PathLike, name: str | None = None) -> dict[str, Any]:
-    """Returns the settings of a training of the run's recipe: of `name`, or of the first one. Without `[train]` they are empty.
+def train_settings(run: PathLike, *, stage: str | None = None, name: str | None = None) -> dict[str, Any]:
+    """Returns the settings with which `glasshouse train RUN` begins: the recipe's, or else the defaults.
 
-    Raises:
-        GlasshouseError: The recipe has no training of this name.
+    Args:
+        run: Folder of a run.
+        stage: Stage of the training; both stages have the same settings.
+        name: Name of the training; None for the one without a name.
 
     """
-    text = _native.train_settings(Path(run), name)
-    settings: dict[str, Any] = json.loads(text) if text else {}
+    settings: dict[str, Any] = json.loads(_native.train_settings(Path(run), name, False))
     return settings
+
+
+def initial_weights(settings: Mapping[str, Any], stage: str) -> dict[str, Array]:
+    """Returns the weights with which a training of a stage begins: float32 arrays by their names in a checkpoint.
+
+    With random features, the VGG-19's weights are among them as `features.N.weight` and `features.N.bias`.
+
+    Raises:
+        GlasshouseError: The settings are not valid, or the package was built without default features.
+
+    """
+    if not hasattr(_native, "initial_weights"):
+        raise _native.GlasshouseError("this package was built with --no-default-features: install it without them")
+    return _native.initial_weights(json.dumps(dict(settings)), stage)
 
 
 class Examples:
@@ -71,9 +86,15 @@ class Examples:
         """The number of scenes."""
         return len(self._sampler)
 
+    @property
+    def scenes_blake3(self) -> str:
+        """The digest of the scenes' lines, as checkpoints record it."""
+        return self._sampler.scenes_blake3
+
     def step(self, step: int, out: dict[str, Array] | None = None) -> dict[str, Array]:
-        """Returns the examples of a step: `input`, `transmission`, `glass_reflection` and `clean_reflection`, those that the
-        tuples have, each float32 (B, 3, S, S) in sRGB codes from 0 to 1.
+        """Returns the examples of a step: float32 arrays (B, 3, S, S) in sRGB codes from 0 to 1.
+
+        The names are `input`, `transmission`, `glass_reflection` and `clean_reflection`, those that the tuples have.
 
         Raises:
             GlasshouseError: A tuple is damaged, or no scene has a usable one.
@@ -89,17 +110,17 @@ class Examples:
 class Mixtures(Sequence[dict[str, Any]]):
     """Examples composed in linear light, behind a camera: I = a F_i + b R~_j of a run's tuples i and j.
 
-    `mixtures[k]` is a dictionary of float32 arrays (3, S, S) in sRGB codes from 0 to 1: `input`, `target_t` (a T_i through the same
-    decisions of the camera, without noise) and `target_r`. It depends on the seed and k alone, and equals the k-th example that
-    `glasshouse train` draws with the same settings and seed. Epochs follow one another: `len(mixtures)` examples use each tuple
-    once as the front, and the next ones are other examples.
+    `mixtures[k]` is a dictionary of float32 arrays (3, S, S) in sRGB codes from 0 to 1: `input`, `target_t` (a T_i
+    through the same decisions of the camera, without noise) and `target_r`. It depends on the seed and k alone, and
+    equals the k-th example that `glasshouse train` draws with the same settings and seed. Epochs follow one another:
+    `len(mixtures)` examples use each tuple once as the front, and the next ones are other examples.
 
     Args:
         path: Folder of a run with tuples (`glasshouse run RECIPE`).
         seed: Seed of all numbers.
         size: Side of the examples, px; by default that of the settings. The tuples must be as large.
-        label: "code" for target_r = the code of b R~_j after the same decisions, clipped at 0; "difference" for `input - target_t`,
-            as XReflection, ERRNet, DSRNet and RDNet compute it.
+        label: "code" for target_r = the code of b R~_j after the same decisions, clipped at 0; "difference" for `input
+            - target_t`, as XReflection, ERRNet, DSRNet and RDNet compute it.
         name: Training of the recipe whose settings are used; by default the first, or else the default settings.
         settings: Settings in place of the training's, as in `[train.settings]`, such as `{"composition": {...}}`.
         length: Number of examples; by default one epoch.
@@ -125,8 +146,8 @@ class Mixtures(Sequence[dict[str, Any]]):
     ) -> None:
         if label not in ("code", "difference"):
             raise ValueError(f'label is {label!r}, but must be "code" or "difference"')
-        chosen = {**train_settings(path, name), **(settings or {})}
-        if chosen.get("examples") not in COMPOSED:
+        chosen: dict[str, Any] = {**json.loads(_native.train_settings(Path(path), name, True)), **(settings or {})}
+        if chosen["examples"] not in COMPOSED:
             chosen["examples"] = "composed"
         chosen.update(seed=seed, batch=1, real_share=0.0)
         if size is not None:

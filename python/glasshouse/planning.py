@@ -38,7 +38,8 @@ def plan(
     Args:
         recipe: Path of the recipe, of the manifest or of the run.
         root: Folders of the recipe's named roots, as `--root NAME=DIR` of the command.
-        inputs: Folder for the procedural pictures of the recipe; by default one below the user's cache that belongs to this recipe.
+        inputs: Folder for the procedural pictures of the recipe; by default one below the user's cache that belongs to
+            this recipe.
         skip_invalid: Draw other photographs in place of those with unusable files.
 
     Returns:

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Rendered:
-    """The pictures of one scene: float32 (H, W, 3), linear Rec.709 light, not clipped. None for layers that it lacks."""
+    """The pictures of one scene: float32 (H, W, 3), linear Rec.709 light, not clipped; None for missing layers."""
 
     input: Array | None
     """I: the front scene through the pane, with the reflection."""
@@ -58,7 +58,8 @@ def render(
     """Renders one scene. The pictures have the bits of the command `glasshouse render`.
 
     Args:
-        scene: Path of a scene (`glasshouse.scene/1`), or its content; relative paths start from its folder, or from the current one.
+        scene: Path of a scene (`glasshouse.scene/1`), or its content; relative paths start from its folder, or from the
+            current one.
         spp: Samples per pixel, a power of two from 1 to 65,536; by default the scene's.
         layers: Names of layers and labels; by default the scene's.
         root: Folders of named roots.

@@ -26,9 +26,10 @@ class Batches(Protocol):
 class Stream(IterableDataset[dict[str, Any]]):
     """Batches of a data set, epoch after epoch, each epoch in an order of its own.
 
-    Use it without a batch size of the loader: `DataLoader(Stream(tuples, batch=16), batch_size=None, num_workers=4)`. Batch k is a
-    function of the seed and of k. Ranks take turns, and so do the workers of a rank; so the loader of one rank returns the same
-    batches in the same order for any number of workers. torchdata's `StatefulDataLoader` saves and restores the position.
+    Use it without a batch size of the loader: `DataLoader(Stream(tuples, batch=16), batch_size=None, num_workers=4)`.
+    Batch k is a function of the seed and of k. Ranks take turns, and so do the workers of a rank; so the loader of one
+    rank returns the same batches in the same order for any number of workers. torchdata's `StatefulDataLoader` saves
+    and restores the position.
 
     Without workers, the next batches are made on the threads of the data set while the network computes.
 
@@ -39,7 +40,8 @@ class Stream(IterableDataset[dict[str, Any]]):
         shuffle: False for the order of the data set.
         batches: Number of batches until the end, over all ranks; None for no end.
         ahead: Number of batches that are made ahead without workers.
-        rank, ranks: This process and the number of processes; by default those of `torch.distributed` or of torchrun's variables.
+        rank, ranks: This process and the number of processes; by default those of `torch.distributed` or of torchrun's
+            variables.
 
     """
 
@@ -115,7 +117,9 @@ class Stream(IterableDataset[dict[str, Any]]):
 
     def _batch(self, number: int) -> dict[str, Any]:
         made = self.source.batch(self.indices(number))
-        return {name: torch.from_numpy(value) if isinstance(value, np.ndarray) else value for name, value in made.items()}
+        return {
+            name: torch.from_numpy(value) if isinstance(value, np.ndarray) else value for name, value in made.items()
+        }
 
     def state_dict(self) -> dict[str, Any]:
         """Returns the position of this worker: the number of its batches so far, and what they depend on."""

@@ -20,12 +20,13 @@ Array = npt.NDArray[np.float32]
 class Tuples(Sequence[dict[str, Any]]):
     """Scenes of a recipe, a manifest or a run, rendered on demand.
 
-    `tuples[i]` is a dictionary of float32 arrays (3, H, W) in linear Rec.709 light, not clipped: `input`, `transmission`,
-    `glass_reflection`, `clean_reflection`, those labels that the scene asks for, and `id`. It depends on line i alone: shuffling
-    samplers, ranks, workers and restarts change no bit, and without other values it has the bits of the command `glasshouse render`.
+    `tuples[i]` is a dictionary of float32 arrays (3, H, W) in linear Rec.709 light, not clipped: `input`,
+    `transmission`, `glass_reflection`, `clean_reflection`, those labels that the scene asks for, and `id`. It depends
+    on line i alone: shuffling samplers, ranks, workers and restarts change no bit, and without other values it has the
+    bits of the command `glasshouse render`.
 
-    An object renders on own threads, which it starts at the first call in each process, also after a fork. Python's lock is free
-    meanwhile, and Ctrl-C works.
+    An object renders on own threads, which it starts at the first call in each process, also after a fork. Python's
+    lock is free meanwhile, and Ctrl-C works.
 
     Args:
         path: A recipe (.toml), a manifest (.jsonl) or a run's folder, whose manifest is rendered anew.
@@ -35,8 +36,8 @@ class Tuples(Sequence[dict[str, Any]]):
         seed: Seed of the samples in place of the lines' own.
         split: Only the scenes of this split: "train", "validation" or "test".
         layers: Names of layers and labels in place of the lines' own.
-        on_error: "raise" raises `SceneError` for a scene that cannot be rendered. "skip" warns, and returns the next scene that
-            can be, so that batches keep their size.
+        on_error: "raise" raises `SceneError` for a scene that cannot be rendered. "skip" warns, and returns the next
+            scene that can be, so that batches keep their size.
         cache_mb: Memory of decoded photographs, in each process.
         threads: Number of threads; by default 1 in a worker of a DataLoader, else the number of processors.
         inputs: Folder for the procedural pictures of a recipe; by default one below the user's cache.
@@ -115,8 +116,8 @@ class Tuples(Sequence[dict[str, Any]]):
 
         Args:
             indices: Numbers of the scenes; negative ones count from the end.
-            out: Writable float32 arrays in C order by name, (B, 3, H, W), which are filled in place of new ones, such as views of
-                pinned memory.
+            out: Writable float32 arrays in C order by name, (B, 3, H, W), which are filled in place of new ones, such
+                as views of pinned memory.
 
         Returns:
             Arrays (B, 3, H, W) by name (labels of one channel (B, 1, H, W)), and the list of ids as `id`.

@@ -4,9 +4,12 @@
 //! planning.rs    recipe, manifest or run -> scene lines      scenes.rs     scene lines -> layers, by engine.rs
 //! stored.rs      files of a tuple -> layers                  sampler.rs    tuples of a run -> examples of a trainer
 //! process.rs     state of a process; calls that signals interrupt        arrays.rs    vectors as arrays
+//! weights.rs     weights of new networks, with the Cargo feature `train`
 //! ```
 //!
 //! Python's lock is free during all work. Threads are those of this module, made at the first call in a process.
+
+#![expect(clippy::needless_pass_by_value, reason = "Python's arguments become owned values")]
 
 mod arrays;
 mod engine;
@@ -16,6 +19,8 @@ mod process;
 mod sampler;
 mod scenes;
 mod stored;
+#[cfg(feature = "train")]
+mod weights;
 
 use pyo3::prelude::*;
 
@@ -34,7 +39,10 @@ mod _native {
     #[pymodule_export]
     use super::scenes::Scenes;
     #[pymodule_export]
-    use super::stored::read_tuple;
+    use super::stored::{blake3, read_tuple};
+    #[cfg(feature = "train")]
+    #[pymodule_export]
+    use super::weights::initial_weights;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

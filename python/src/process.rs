@@ -57,7 +57,7 @@ pub(crate) fn interruptible<T: Send>(
         match receiver.recv_timeout(LOOK_EVERY) {
             Ok(result) => return Ok(result),
             Err(RecvTimeoutError::Timeout) => {
-                if let Err(signal) = Python::attach(|py| py.check_signals()) {
+                if let Err(signal) = Python::attach(look) {
                     stop.store(true, Ordering::Relaxed);
                     let _ = receiver.recv();
                     return Err(signal);
@@ -77,6 +77,11 @@ pub(crate) fn interruptible<T: Send>(
         })
     })?;
     result.map_err(|panic| super::errors::error(format!("a bug of glasshouse: {}", text(&*panic))))
+}
+
+/// Raises the exception of a signal that has arrived.
+fn look(py: Python<'_>) -> PyResult<()> {
+    py.check_signals()
 }
 
 /// Returns the text of a panic.

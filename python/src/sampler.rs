@@ -8,7 +8,7 @@ use crate::process::{PerProcess, interruptible};
 use crossbeam::channel::{Receiver, Sender, bounded};
 use examples::{
     Example, ExampleError, ExampleSampler, PairSource, PhotographSource, Planes, SceneSource,
-    TupleFiles, TupleFilesError, TupleSource,
+    TupleFiles, TupleFilesError, TupleSource, scenes_digest,
 };
 use numpy::PyArrayMethods;
 use plan::{LocalFiles, TrainSettings, Trainings};
@@ -73,6 +73,12 @@ impl Sampler {
         self.lines.len()
     }
 
+    /// The digest of the scenes' lines, as checkpoints record it.
+    #[getter]
+    fn scenes_blake3(&self) -> String {
+        scenes_digest(&self.lines)
+    }
+
     /// Returns the examples of steps, one after another, as arrays (B,3,S,S) of sRGB codes. Arrays of `out` are filled in place of
     /// new ones. Layers that an example lacks are left out.
     fn steps<'py>(
@@ -85,9 +91,11 @@ impl Sampler {
         let reader = self.reader.get(py, || self.open(threads))?;
         let stop = AtomicBool::new(false);
         let work = || -> Result<Vec<Vec<Example>>, ExampleError> {
-            let of_step = |step| match stop.load(Ordering::Relaxed) {
-                true => Err(ExampleError::Stopped),
-                false => reader.sampler.examples(step),
+            let of_step = |step| {
+                if stop.load(Ordering::Relaxed) {
+                    return Err(ExampleError::Stopped);
+                }
+                reader.sampler.examples(step)
             };
             steps.into_par_iter().map(of_step).collect()
         };
@@ -126,6 +134,9 @@ impl Sampler {
     }
 }
 
+/// Returns a layer of an example.
+type LayerOf = fn(&Example) -> Option<&Planes>;
+
 /// Joins the layers of examples of one size.
 fn arrays<'py>(
     py: Python<'py>,
@@ -137,7 +148,7 @@ fn arrays<'py>(
         return Ok(joined);
     };
     let shape = [made.len(), 3, first.rows, first.columns];
-    let layers: [(&str, fn(&Example) -> Option<&Planes>); 4] = [
+    let layers: [(&str, LayerOf); 4] = [
         ("input", |example| Some(&example.input)),
         ("transmission", |example| Some(&example.transmission)),
         ("glass_reflection", |example| example.glass_reflection.as_ref()),
@@ -163,32 +174,34 @@ fn arrays<'py>(
     Ok(joined)
 }
 
-/// Returns the settings of a training of a run's recipe, as JSON; those of the first without a name.
+/// Returns the settings of a training of a run's recipe, as JSON; the defaults without `[train]`.
+///
+/// With `of_recipe`, the first training stands for no name, and an unknown name is an error. Otherwise names mean the same as on
+/// the command line, where an unknown one begins a training with the default settings.
 #[pyfunction]
-pub(crate) fn train_settings(run: PathBuf, name: Option<&str>) -> PyResult<Option<String>> {
+pub(crate) fn train_settings(
+    run: PathBuf,
+    name: Option<&str>,
+    of_recipe: bool,
+) -> PyResult<String> {
     let path = run.join("train.json");
-    let text = match input_file::read_to_string(&path) {
-        Ok(text) => text,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(e) => return Err(error(format!("cannot read {}: {e}", path.display()))),
+    let unusable = |e: &dyn std::fmt::Display| error(format!("{}: {e}", path.display()));
+    let trainings: Trainings = match input_file::read_to_string(&path) {
+        Ok(text) => serde_json::from_str(&text).map_err(|e| unusable(&e))?,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Trainings::default(),
+        Err(e) => return Err(unusable(&e)),
     };
-    let trainings: Trainings =
-        serde_json::from_str(&text).map_err(|e| error(format!("{}: {e}", path.display())))?;
-    let seeded = trainings.seeded();
-    let names = || -> String {
-        seeded.iter().filter_map(|t| t.name.as_deref()).collect::<Vec<_>>().join(", ")
+    let found = if of_recipe && name.is_none() {
+        trainings.seeded().into_iter().next()
+    } else {
+        trainings.find(name)
     };
-    let found = match name {
-        None => seeded.first(),
-        Some(_) => seeded.iter().find(|training| training.name.as_deref() == name),
-    };
-    match (found, name) {
-        (Some(training), _) => serde_json::to_string(&training.settings).map(Some).map_err(error),
-        (None, Some(name)) => {
-            Err(error(format!("{} has no training {name:?}, but: {}", path.display(), names())))
-        }
-        (None, None) => Ok(None),
+    if let (None, Some(name), true) = (&found, name, of_recipe) {
+        let names: Vec<String> = trainings.seeded().into_iter().filter_map(|t| t.name).collect();
+        return Err(unusable(&format!("it has no training {name:?}, but: {}", names.join(", "))));
     }
+    serde_json::to_string(&found.map(|training| training.settings).unwrap_or_default())
+        .map_err(error)
 }
 
 /// The tuples of a run's folder.

@@ -56,3 +56,9 @@ pub(crate) fn read_tuple(
     let json = String::from_utf8(json).map_err(|e| damaged("tuple.json", &e))?;
     Ok((layers, labels, json))
 }
+
+/// Returns the BLAKE3 digest of bytes, in hexadecimal.
+#[pyfunction]
+pub(crate) fn blake3(data: &[u8]) -> String {
+    ::blake3::hash(data).to_hex().to_string()
+}

@@ -1,7 +1,6 @@
 """Tests of the PyTorch trainer, beside the Rust program that GLASSHOUSE_PROGRAM or PATH names: `pytest python/tests`.
 
-Tests print why they are skipped. Where the package has no compiled part, the tests read the examples of a run
-themselves, and need `pip install blake3`.
+Tests print why they are skipped.
 """
 
 import csv
@@ -9,12 +8,10 @@ import json
 import os
 import shutil
 import signal
-import struct
 import subprocess
 import sys
 import threading
 import time
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -94,78 +91,19 @@ def rust(*arguments: object) -> str:
     return done.stdout
 
 
-def provide() -> None:
-    """Gives the package what its compiled part would have, except for settings and first weights."""
-    if not hasattr(glasshouse, "blake3"):
-        pytest.importorskip("blake3", reason="the package has no compiled part, and blake3 is not installed")
-        from blake3 import blake3
-
-        glasshouse.blake3 = lambda data: blake3(data).hexdigest()
-    if not hasattr(glasshouse, "Examples"):
-        glasshouse.Examples = PngExamples
-
-
 def png(path: Path) -> np.ndarray:
-    """Reads an 8-bit RGB PNG as float32 (3, rows, columns) from 0 to 1."""
-    data, at, packed = path.read_bytes(), 8, b""
-    while at < len(data):
-        (length,), kind = struct.unpack(">I", data[at : at + 4]), data[at + 4 : at + 8]
-        body = data[at + 8 : at + 8 + length]
-        if kind == b"IHDR":
-            columns, rows, depth, color, *_ = struct.unpack(">IIBBBBB", body)
-            assert (depth, color) == (8, 2), path
-        packed += body if kind == b"IDAT" else b""
-        at += 12 + length
-    lines = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(rows, 1 + 3 * columns).astype(int)
-    out = np.zeros((rows + 1, columns + 1, 3), int)
-    for y, line in enumerate(lines, 1):
-        for x, pixel in enumerate(line[1:].reshape(-1, 3), 1):
-            a, b, c = out[y, x - 1], out[y - 1, x], out[y - 1, x - 1]
-            pa, pb, pc = abs(b - c), abs(a - c), abs(a + b - 2 * c)
-            paeth = np.where((pa <= pb) & (pa <= pc), a, np.where(pb <= pc, b, c))
-            out[y, x] = (pixel + (0, a, b, (a + b) // 2, paeth)[line[0]]) % 256
-    return np.moveaxis(out[1:, 1:], 2, 0).astype(np.float32) / np.float32(255)
-
-
-class PngExamples:
-    """The examples of a run whose crops are whole tuples without flips, in the order of the Rust program."""
-
-    def __init__(self, run: Path, settings: dict[str, Any]) -> None:
-        """Reads all tuples of the split train."""
-        assert settings["pixels"] == "png" and not settings["flip"] and settings["examples"] == "rendered"
-        folders = sorted((Path(run) / "tuples").glob("train-*"))
-        self.tuples = [{layer: png(folder / f"{layer}.png") for layer in LAYERS} for folder in folders]
-        self.batch, self.seed = settings["batch"], settings["seed"]
-
-    def order(self, epoch: int) -> list[int]:
-        """Returns the permutation of an epoch (src/compose/random.rs)."""
-        from blake3 import blake3
-
-        count = len(self.tuples)
-        key = b"glasshouse.train.random/1" + struct.pack("<Q", self.seed) + f"scene order {epoch}".encode()
-        bits = iter(struct.unpack(f"<{count}Q", blake3(key).digest(8 * count)))
-        order = list(range(count))
-        for place in range(count - 1, 0, -1):
-            other = next(bits) * (place + 1) >> 64
-            order[place], order[other] = order[other], order[place]
-        return order
-
-    def step(self, step: int) -> dict[str, np.ndarray]:
-        """Returns the arrays of a step."""
-        places = [divmod(step * self.batch + item, len(self.tuples)) for item in range(self.batch)]
-        chosen = [self.tuples[self.order(epoch)[place]] for epoch, place in places]
-        return {layer: np.stack([one[layer] for one in chosen]) for layer in LAYERS}
+    """Reads an RGB picture as float32 (3, rows, columns) from 0 to 1."""
+    image = pytest.importorskip("PIL.Image", reason="pillow is not installed").open(path)
+    return np.moveaxis(np.asarray(image), 2, 0).astype(np.float32) / np.float32(255)
 
 
 def train(run: Path, stage: str, steps: int, **more: Any) -> int:
     """Trains with the PyTorch trainer."""
-    provide()
     return trainer.train(run, stage, steps, **more)
 
 
 def newest(run: Path, stage: str) -> Checkpoint:
     """Reads the newest checkpoint of a stage."""
-    provide()
     return read_checkpoint(max((run / "train" / stage).glob("step-*")))
 
 
@@ -237,14 +175,7 @@ def close(found: Any, expected: Any, relative: float = 1e-5) -> bool:
     return bool((found.detach() - expected).norm() <= relative * expected.norm())
 
 
-def script(folder: Path) -> list[str]:
-    """Writes the command line of the trainer with what `provide` gives, for a process of its own."""
-    path = folder / "trainer.py"
-    path.write_text(
-        f"import sys\nsys.path[:0] = {[str(Path(__file__).parents[1]), str(Path(__file__).parent)]}\n"
-        "import test_train\ntest_train.provide()\nsys.exit(test_train.trainer.main())\n"
-    )
-    return [str(path)]
+MODULE = ["-m", "glasshouse.train"]
 
 
 # Both programs and the references: forward passes and steps.
@@ -333,18 +264,19 @@ def test_the_rust_program_reads_checkpoints(lesson: Path, tmp_path: Path, kind: 
 def test_a_new_training_begins_like_that_of_the_rust_program(
     lesson: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Settings and first weights come from the package; the first step equals the Rust program's."""
+    """First weights and digests come from the package; the first step equals the Rust program's."""
+    if not hasattr(glasshouse._native, "initial_weights"):
+        pytest.skip("the package was built with --no-default-features")
     run, _, _ = begun(lesson, tmp_path, "plain", 1)
-    provide()
     for stage in ("backtrack", "separation"):
         theirs = read_checkpoint(run / "train" / stage / "step-0000001")
         start = read_checkpoint(run / "train" / stage / "step-0000000")
-        settings, scenes = start.state["settings"], start.state["origin"]["scenes_blake3"]
-        monkeypatch.setattr(glasshouse, "train_settings", lambda *_, s=settings, **__: s, raising=False)
-        if not hasattr(glasshouse, "initial_weights") or stage == "separation":
-            first = {name: tensor.numpy() for name, tensor in start.model.items()}
-            monkeypatch.setattr(glasshouse, "initial_weights", lambda *_, w=first: w, raising=False)
-        monkeypatch.setattr(glasshouse.Examples, "scenes_blake3", scenes, raising=False)
+        # The settings are those of a command line, not of the recipe.
+        settings = start.state["settings"]
+        monkeypatch.setattr(glasshouse, "train_settings", lambda *_, s=settings, **__: s)
+        first = glasshouse.initial_weights(settings, stage)
+        own = {name: tensor for name, tensor in start.model.items() if stage == "backtrack" or "backtrack." not in name}
+        assert all(np.array_equal(first[name], tensor.numpy()) for name, tensor in own.items())
         train(run, stage, 1, name="other")
         ours = read_checkpoint(run / "train" / "other" / stage / "step-0000001")
         assert max(differences(ours, theirs).values()) < 1e-5
@@ -365,9 +297,8 @@ def test_interrupted_trainings_have_the_same_bits(lesson: Path, tmp_path: Path, 
     path.write_text(path.read_text().replace('"schedule_steps": 20', '"schedule_steps": 200000'))
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
-    provide()
     more = ["--stage", stage, "--steps", "100000"] + (["--checkpoint-every", "1"] if how == signal.SIGKILL else [])
-    process = subprocess.Popen([sys.executable, *script(tmp_path), str(run), *more], stderr=subprocess.DEVNULL)
+    process = subprocess.Popen([sys.executable, *MODULE, str(run), *more], stderr=subprocess.DEVNULL)
     metrics = run / "train" / stage / "metrics.csv"
     while metrics.read_text().count("\n") < 8 and process.poll() is None:
         time.sleep(0.01)
@@ -414,7 +345,6 @@ def test_losses_that_are_not_finite_end_training(lesson: Path, tmp_path: Path, w
     state = json.loads(path.read_text())
     state["settings"]["learning_rate"] = 1e30 if what == "rate" else 1e-3
     path.write_text(json.dumps(state))
-    provide()
 
     class Wrong(glasshouse.Examples):  # type: ignore[misc]
         def step(self, step: int) -> dict[str, np.ndarray]:
@@ -495,7 +425,7 @@ def test_two_processes_equal_one(lesson: Path, tmp_path: Path, kind: str) -> Non
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
     train(copy, stage, 4)
-    together = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", *script(tmp_path)]
+    together = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", *MODULE]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     arguments = [sys.executable, *together, str(run), "--stage", stage, "--steps", "4"]
     done = subprocess.run(arguments, capture_output=True, text=True, env=environment)

@@ -8,6 +8,7 @@
 //! This crate contains no networks, so that trainers of other programs can use it.
 
 mod composing;
+mod digest;
 mod example;
 mod example_sampler;
 mod loader;
@@ -17,6 +18,7 @@ mod source;
 mod srgb_planes;
 mod subject;
 
+pub use digest::{digest_of, scenes_digest};
 pub use example::{Example, Planes};
 pub use example_sampler::{ExampleSampler, SceneSource};
 pub use loader::Loader;

@@ -12,7 +12,7 @@
 //! discriminator     conditional PatchGAN                inference     networks on images of any size
 //! loss, adam        losses and optimiser                separator     the networks of a checkpoint
 //! work_size         networks at another size than the picture's
-//! random            tensors of random numbers
+//! random            tensors of random numbers           initial       weights of new networks
 //! scoring, evaluation    scores of networks on pictures    validation    scores of a training's networks
 //! similarity        rendered pictures and mixtures beside a camera's picture
 //! run, resume       a stage's training in a run's folder, resumed from its checkpoints
@@ -36,6 +36,7 @@ mod example_baselines;
 mod generator;
 mod grid;
 mod inference;
+mod initial;
 mod learner;
 mod learner_losses;
 mod logs;
@@ -90,6 +91,7 @@ pub use examples::{
 pub use generator::{DILATIONS, Generator, GeneratorOptions, SLOPE};
 pub use grid::{Grid, rgb_grid, shrunk};
 pub use inference::{LEAST_PX, Networks};
+pub use initial::initial_weights;
 pub use learner::{Lap, Learner, StepLosses, Term};
 pub use loss::{FEATURE_DIVISORS, adversarial_loss, discriminator_loss, feature_difference, l1};
 pub use random::{RandomTensor, Stream};

@@ -9,12 +9,11 @@ use super::session::Watcher;
 use super::vgg::Vgg;
 use candle_core::Device;
 use compose::{Baselines, Pair};
-use examples::ExampleSampler;
+use examples::{ExampleSampler, digest_of, scenes_digest};
 use plan::{FREE, NetworkKind, ScheduleKind, Stage, TrainSettings};
 use rayon::prelude::*;
 use render::folder_lock::FolderLock;
 use render::line::SceneLine;
-use render::shard::scene_digest;
 use std::path::Path;
 
 /// Settings of the architecture, which the separation stage inherits from the backtrack stage.
@@ -173,7 +172,7 @@ impl Beginning {
         };
         let origin = Origin {
             vgg_blake3,
-            scenes_blake3: digest_of(lines.iter().map(scene_digest)),
+            scenes_blake3: scenes_digest(lines),
             real_blake3: None,
             real_files_blake3: digest_of_pairs(pairs)?,
             backtrack,
@@ -292,13 +291,4 @@ pub(super) fn digest_of_pairs(pairs: &[Pair]) -> Result<Option<String>, TrainErr
     };
     let digests: Result<Vec<String>, TrainError> = pairs.par_iter().map(digest).collect();
     Ok((!pairs.is_empty()).then_some(digest_of(digests?.into_iter())))
-}
-
-fn digest_of(parts: impl Iterator<Item = String>) -> String {
-    let mut hasher = blake3::Hasher::new();
-    for part in parts {
-        hasher.update(part.as_bytes());
-        hasher.update(b"\n");
-    }
-    hasher.finalize().to_hex().to_string()
 }

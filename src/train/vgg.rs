@@ -111,6 +111,13 @@ impl Vgg {
         })
     }
 
+    /// Returns the weights by torchvision's names.
+    pub fn weights(&self) -> impl Iterator<Item = (String, &Tensor)> {
+        VGG_PLACES.into_iter().zip(&self.convolutions).flat_map(|(place, (kernel, bias))| {
+            [(format!("features.{place}.weight"), kernel), (format!("features.{place}.bias"), bias)]
+        })
+    }
+
     /// Returns the network with another computation of the features.
     #[must_use]
     pub fn with_style(self, style: FeatureStyle) -> Self {

@@ -145,6 +145,7 @@ fn furnish(folder: &Path) {
         "learn-table.toml",
         "ablation.toml",
         "folder.toml",
+        "pytorch.toml",
         "depth-ranges.toml",
     ] {
         let recipe = Path::new("manifests").join(name);

@@ -69,13 +69,12 @@ impl PhotographCache {
         check_line(line, path)?;
         let keys = PhotographKeys::new(line, digests);
         // Threads that need the same photograph at the same time all decode it, but none waits for another.
-        let shape = match self.find(&keys.shape) {
-            Some(Part::Shape(shape)) => shape,
-            _ => {
-                let shape = Arc::new(decode_shape(line, files)?);
-                self.keep(keys.shape, Part::Shape(Arc::clone(&shape)), shape.bytes());
-                shape
-            }
+        let shape = if let Some(Part::Shape(shape)) = self.find(&keys.shape) {
+            shape
+        } else {
+            let shape = Arc::new(decode_shape(line, files)?);
+            self.keep(keys.shape, Part::Shape(Arc::clone(&shape)), shape.bytes());
+            shape
         };
         let decode = || color::decode_samples(&files.color, line.orientation);
         let texture = match self.find(&keys.texture) {
