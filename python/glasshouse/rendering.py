@@ -43,8 +43,14 @@ class Rendered:
 
 def _rendered(parts: tuple[dict[str, Array], dict[str, Array], str]) -> Rendered:
     layers, labels, record = parts
-    names = ("input", "transmission", "glass_reflection", "clean_reflection")
-    return Rendered(*(layers.get(name) for name in names), labels=labels, metadata=json.loads(record))
+    return Rendered(
+        input=layers.get("input"),
+        transmission=layers.get("transmission"),
+        glass_reflection=layers.get("glass_reflection"),
+        clean_reflection=layers.get("clean_reflection"),
+        labels=labels,
+        metadata=json.loads(record),
+    )
 
 
 def render(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import islice
 from typing import Any, Protocol
 
 import numpy as np
@@ -98,7 +99,7 @@ class Stream(IterableDataset[dict[str, Any]]):
             waiting: list[Future[dict[str, Any]]] = []
             try:
                 while True:
-                    while len(waiting) <= self.ahead and (number := next(numbers, None)) is not None:
+                    for number in islice(numbers, self.ahead + 1 - len(waiting)):
                         waiting.append(pool.submit(self._batch, number))
                     if not waiting:
                         return
