@@ -36,6 +36,16 @@ def test_examples_are_functions_of_seed_and_number(mixtures: glasshouse.Mixtures
     assert len(glasshouse.Mixtures(run, size=32, length=100)) == 100
 
 
+def test_examples_are_those_of_a_training(run: Path) -> None:
+    """The trainer's batches are consecutive examples, whatever their number."""
+    mixtures = glasshouse.Mixtures(run, seed=5, size=32)
+    of_steps = glasshouse.Examples(run, {**mixtures.settings, "batch": 3}).step(4)
+    batch = mixtures.batch([12, 13, 14])
+    assert np.array_equal(of_steps["input"], batch["input"])
+    assert np.array_equal(of_steps["transmission"], batch["target_t"])
+    assert np.array_equal(of_steps["glass_reflection"], batch["target_r"])
+
+
 def test_the_reflection_label(run: Path) -> None:
     code = glasshouse.Mixtures(run, size=32)[1]
     difference = glasshouse.Mixtures(run, size=32, label="difference")[1]

@@ -55,7 +55,7 @@ def test_workers_change_no_bit(tuples: glasshouse.Tuples, method: str) -> None:
     stream = Stream(tuples, batch=4, seed=3, batches=COUNT)
     expected = first(DataLoader(stream, batch_size=None), COUNT)
     assert len(expected) == COUNT
-    for workers in (1, 2, 4) if method == "fork" else (2,):
+    for workers in (1, 2, 4):
         loader = DataLoader(stream, batch_size=None, num_workers=workers, multiprocessing_context=method)
         assert same(list(loader), expected), workers
 

@@ -55,6 +55,8 @@ pairs = { sample = 2 }
 # Settings with which every example is a whole tuple, as in its PNGs.
 SMALL = "--width 4 --discriminator-width 2 --crop 48 --no-flip --pixels png --batch 2 --learning-rate 1e-3".split()
 SMALL += "--seed 3 -q -j 1".split()
+# Examples of linear light behind the camera, of crops.
+COMPOSED = "--examples composed --pixels exr --crop 32 --width 4 --batch 2 --seed 3 -q -j 1".split()
 UNET = "--network unet --no-a-priori --start residual --bound 1.2 --adversarial-weight 0 --gradient-weight 1".split()
 UNET += "--optimizer adamw --weight-decay 0.01 --clip-norm 0.05 --ema 0.9 --warmup-steps 2 --schedule cosine".split()
 UNET += "--schedule-steps 20".split()
@@ -139,8 +141,9 @@ def begun(lesson: Path, folder: Path, kind: str, steps: int) -> tuple[Path, str,
     """Copies the run and trains with the Rust program; returns the run, the stage and options of PyTorch."""
     run = folder / "run"
     shutil.copytree(lesson / "run", run)
-    if kind == "unet":
-        rust("train", run, "--stage", "separation", "--steps", steps, *SMALL, *UNET)
+    if kind in ("unet", "composed"):
+        examples = SMALL if kind == "unet" else COMPOSED
+        rust("train", run, "--stage", "separation", "--steps", steps, *examples, *UNET)
         return run, "separation", {}
     vgg = lesson / "vgg.safetensors"
     source = {"features": vgg, "random": "random"}.get(kind)
@@ -216,7 +219,7 @@ def test_the_unet_of_the_reference() -> None:
 
 
 # With seed 3, rounding moves no unit of VGG-19 across a kink of ReLU, max or |x|, which would change gradients by 1e-3.
-@pytest.mark.parametrize("kind", ["backtrack", "plain", "features", "random", "unet"])
+@pytest.mark.parametrize("kind", ["backtrack", "plain", "features", "random", "unet", "composed"])
 def test_one_step_equals_that_of_the_rust_program(lesson: Path, tmp_path: Path, kind: str) -> None:
     """A step from the same checkpoint with the same examples gives the same losses, weights and moments."""
     run, copy, stage, options = resumed(lesson, tmp_path, kind, 3)
