@@ -5,7 +5,7 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
-use std::io::{self, BufWriter, IntoInnerError, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufReader, BufWriter, IntoInnerError, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
@@ -118,6 +118,15 @@ impl PendingFile {
         let file =
             temporary(path).map_err(|source| WriteError { path: path.to_owned(), source })?;
         Ok(Self { writer: BufWriter::with_capacity(1 << 18, file), path: path.to_owned() })
+    }
+
+    /// Copies all bytes that were written to `to`.
+    pub fn copy_to(&mut self, to: &mut impl Write) -> io::Result<()> {
+        self.writer.flush()?;
+        let file = self.writer.get_mut();
+        file.rewind()?;
+        io::copy(&mut BufReader::with_capacity(1 << 18, file), to)?;
+        Ok(())
     }
 
     /// Renames the file to its final path, durably. Replaces an existing file.
@@ -300,7 +309,12 @@ mod tests {
         drop(pending);
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
         let mut pending = PendingFile::begin(&path).unwrap();
-        pending.write_all(b"two").unwrap();
+        pending.write_all(b"t").unwrap();
+        let mut copy = Vec::new();
+        pending.copy_to(&mut copy).unwrap();
+        pending.write_all(b"wo").unwrap();
+        pending.copy_to(&mut copy).unwrap();
+        assert_eq!(copy, b"ttwo");
         assert!(!path.exists());
         pending.finish().unwrap();
         settle(dir.path()).unwrap();

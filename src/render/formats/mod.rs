@@ -36,7 +36,7 @@ pub use files::{NamedBytes, PanoramaFiles, PhotographFiles};
 pub use icc::ColorError;
 pub use linear_picture::{LinearPicture, decode_linear_exr};
 pub use npy_header::npy_facts;
-pub use npy_write::encode_npy;
+pub use npy_write::{encode_npy, extend_floats};
 pub use photo::Photo;
 pub use ply::ply_counts;
 pub use srgb_picture::{SrgbPicture, decode_srgb_picture};

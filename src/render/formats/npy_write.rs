@@ -22,13 +22,20 @@ pub fn encode_npy(shape: &[usize], values: &[f32], precision: ExrPrecision) -> V
     bytes.extend_from_slice(text.as_bytes());
     bytes.resize(HEADER_BYTES - 1, b' ');
     bytes.push(b'\n');
-    match precision {
-        ExrPrecision::Half => {
-            bytes.extend(values.iter().flat_map(|v| f16::from_f32(*v).to_le_bytes()));
-        }
-        ExrPrecision::Float => bytes.extend(values.iter().flat_map(|v| v.to_le_bytes())),
-    }
+    extend_floats(&mut bytes, values.iter().copied(), precision);
     bytes
+}
+
+/// Appends values as little-endian 32-bit floats; [`ExrPrecision::Half`] rounds them to halves.
+pub fn extend_floats(
+    bytes: &mut Vec<u8>,
+    values: impl Iterator<Item = f32>,
+    precision: ExrPrecision,
+) {
+    match precision {
+        ExrPrecision::Half => bytes.extend(values.flat_map(|v| f16::from_f32(v).to_le_bytes())),
+        ExrPrecision::Float => bytes.extend(values.flat_map(f32::to_le_bytes)),
+    }
 }
 
 #[cfg(test)]
