@@ -50,7 +50,7 @@ fn header(plan: &ExportPlan, summary: &Summary) -> String {
     let pattern = match plan.request.format {
         ExportFormat::Webdataset => "-*.tar",
         ExportFormat::Imagefolder => "/**",
-        ExportFormat::Pairs | ExportFormat::Exr => "",
+        ExportFormat::Pairs | ExportFormat::Exr | ExportFormat::Safetensors => "",
     };
     if !pattern.is_empty() {
         text += "configs:\n- config_name: default\n  data_files:\n";
@@ -92,6 +92,9 @@ fn what(plan: &ExportPlan, summary: &Summary) -> String {
             "PNG of photographs: `input` behind a camera with noise and JPEG, the others with its exposure and development, \
              without noise (each scene's `sensor` in the manifest has the numbers)"
         }
+        PixelEncoding::Linear if plan.request.format == ExportFormat::Safetensors => {
+            "tensors of 3 x height x width, linear Rec.709, not clipped, half floats (32-bit floats where the tuple has them)"
+        }
         PixelEncoding::Linear => {
             "OpenEXR, linear Rec.709, not clipped, half floats (32-bit floats where the tuple has them)"
         }
@@ -105,6 +108,10 @@ fn what(plan: &ExportPlan, summary: &Summary) -> String {
         text += match plan.request.format {
             ExportFormat::Exr => {
                 "Labels are parts of the OpenEXR files, with their own channels.\n"
+            }
+            ExportFormat::Safetensors => {
+                "Labels are tensors of height x width, or of 3 x height x width, linear; `front_depth` has 32-bit floats, the \
+                 others have the precision of the tuple.\n"
             }
             ExportFormat::Webdataset | ExportFormat::Imagefolder | ExportFormat::Pairs => {
                 "Labels are NumPy arrays (`.npy`) of height x width, or of height x width x 3, linear; `front_depth` has 32-bit \
@@ -236,6 +243,10 @@ fn files(plan: &ExportPlan) -> String {
         }
         ExportFormat::Exr => {
             "`SPLIT/ID.exr`: a multi-part OpenEXR file for each tuple. Each part has the name of its layer and channels R, G, B."
+        }
+        ExportFormat::Safetensors => {
+            "Shards `SPLIT-NNNNNN.safetensors` with a tensor `ID.LAYER` for each layer of each tuple; the metadata `scenes` lists the \
+             ids. `SPLIT.jsonl` has the whole record of each tuple, in the order of the shards."
         }
     };
     format!(

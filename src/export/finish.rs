@@ -6,7 +6,7 @@ use super::croissant::croissant;
 use super::digest::{Digesting, FileRecord};
 use super::error::ExportError;
 use super::folder::{CARD_FILE, CROISSANT_FILE, ExportFolder, SUMS_FILE};
-use super::metadata::METADATA_FILE;
+use super::metadata::listing_file;
 use super::part::PartRecord;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, REQUEST_FILE};
@@ -39,16 +39,15 @@ pub(super) fn finish(
         Summary { splits: BTreeMap::new(), numbers: Numbers::default(), shards: Vec::new() };
     let mut named = Vec::new();
     for &split in &plan.request.splits {
-        let mut metadata = None;
+        let mut listing = None;
         each_part(folder, split, |part| {
             *summary.splits.entry(split).or_insert(0) += part.numbers.tuples;
             summary.numbers.add(&part.numbers);
             if format == ExportFormat::Webdataset {
                 summary.shards.extend(part.files);
             }
-            if format == ExportFormat::Imagefolder {
-                let name = format!("{split}/{METADATA_FILE}");
-                let file = match &mut metadata {
+            if let Some(name) = listing_file(format, split) {
+                let file = match &mut listing {
                     Some(file) => file,
                     none => none.insert(Summed::begin(folder, &name)?),
                 };
@@ -58,8 +57,8 @@ pub(super) fn finish(
             }
             Ok(())
         })?;
-        if let Some(metadata) = metadata {
-            named.push(metadata.finish()?);
+        if let Some(listing) = listing {
+            named.push(listing.finish()?);
         }
     }
     let request = plan.request.to_json();

@@ -1,7 +1,8 @@
 //! The exported folder: its state, its lock, and the removal of leftovers of killed processes.
 
 use super::error::{ExportError, unreadable};
-use super::request::{ExportRequest, REQUEST_FILE};
+use super::metadata::LINES_ENDING;
+use super::request::{ExportFormat, ExportRequest, REQUEST_FILE};
 use render::atomic_file::{self, is_temporary};
 use render::folder_lock::FolderLock;
 use std::fs::File;
@@ -92,13 +93,16 @@ fn is_part(name: &str, request: &ExportRequest) -> bool {
         || request.splits.iter().any(|split| {
             let split = split.to_string();
             let rest = name.strip_prefix(&split);
-            rest.is_some_and(|rest| rest.is_empty() || is_shard(rest))
+            rest.is_some_and(|rest| {
+                rest.is_empty() || rest == LINES_ENDING || is_shard(rest, request.format)
+            })
         })
 }
 
-/// True if `rest` has the form `-000000.tar`, with any digits.
-fn is_shard(rest: &str) -> bool {
-    let number = rest.strip_prefix('-').and_then(|r| r.strip_suffix(".tar"));
+/// True if `rest` has the form `-000000.tar`, with any digits and the ending of the format's shards.
+fn is_shard(rest: &str, format: ExportFormat) -> bool {
+    let ending = format.shard_ending().unwrap_or_default();
+    let number = rest.strip_prefix('-').and_then(|r| r.strip_suffix(ending));
     number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }
 

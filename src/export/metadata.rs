@@ -1,13 +1,37 @@
-//! Formats a line of imagefolder's `metadata.jsonl`: file names, parameters and stated errors of a tuple as columns.
+//! Formats the lines that list the tuples of a split: of imagefolder's `metadata.jsonl` file names, parameters and stated
+//! errors as columns, and of `SPLIT.jsonl` beside shards of tensors the whole record of each tuple.
 
 use super::plan::ExportPlan;
+use super::request::ExportFormat;
 use super::sample::{label_file, layer_file};
+use render::line::Split;
 use render::merge::TupleRecord;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// Name of the file in each split's folder.
-pub(super) const METADATA_FILE: &str = "metadata.jsonl";
+/// Ending of the names of the files of records, which begin with the split.
+pub(super) const LINES_ENDING: &str = ".jsonl";
+
+/// Returns the path of the file that lists a split's tuples, if the format has one.
+pub(super) fn listing_file(format: ExportFormat, split: Split) -> Option<String> {
+    match format {
+        ExportFormat::Imagefolder => Some(format!("{split}/metadata.jsonl")),
+        ExportFormat::Safetensors => Some(format!("{split}{LINES_ENDING}")),
+        ExportFormat::Webdataset | ExportFormat::Pairs | ExportFormat::Exr => None,
+    }
+}
+
+/// Formats the line of a tuple in [`listing_file`], if the format has one.
+pub(super) fn listing_line(plan: &ExportPlan, record: &TupleRecord) -> Option<String> {
+    match plan.request.format {
+        ExportFormat::Imagefolder => Some(metadata_line(plan, record)),
+        ExportFormat::Safetensors => {
+            let json = serde_json::to_string(record).expect("a record from JSON is JSON");
+            Some(json + "\n")
+        }
+        ExportFormat::Webdataset | ExportFormat::Pairs | ExportFormat::Exr => None,
+    }
+}
 
 /// Returns the path of a scene line without folders of a machine. Only plans of older versions have absolute paths.
 fn portable(path: &str) -> &str {
@@ -17,7 +41,7 @@ fn portable(path: &str) -> &str {
 }
 
 /// Formats the line of a tuple. Arrow requires the same keys and types in every line.
-pub(super) fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
+fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
     let (scene, request) = (&record.scene, &plan.request);
     let mut row = Map::new();
     let mut put = |key: String, value: Value| row.insert(key, value);

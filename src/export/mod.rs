@@ -4,6 +4,7 @@
 //! request.rs   the request: export.json                plan.rs      selection and order of scenes
 //! folder.rs    owner and state of the folder           sample.rs    a tuple -> names and bytes
 //! write.rs     all tuples, on all threads, in order    part.rs      a durable part: shard.rs, digest.rs
+//! tensors.rs   a tuple -> tensors               tensor_shard.rs   a part of tensors
 //! finish.rs    metadata.rs, card.rs, croissant.rs, SHA256SUMS
 //! ```
 //!
@@ -24,10 +25,13 @@ mod plan;
 mod request;
 mod sample;
 mod shard;
+mod tensor_shard;
+mod tensors;
 mod write;
 
 pub use error::ExportError;
 pub use folder::{FolderState, look};
 pub use plan::{ExportOptions, ExportPlan, LeftOut};
 pub use request::{EXPORT_REQUEST_SCHEMA, ExportFormat, ExportRequest, PixelEncoding};
+pub use tensor_shard::TUPLES_SCHEMA;
 pub use write::{ExportWork, Exported, estimate_bytes, export};

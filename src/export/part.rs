@@ -4,11 +4,12 @@ use super::card_numbers::Numbers;
 use super::digest::FileRecord;
 use super::error::{ExportError, unreadable};
 use super::folder::{ExportFolder, STATE_FOLDER};
-use super::metadata::metadata_line;
+use super::metadata::listing_line;
 use super::plan::ExportPlan;
 use super::request::ExportFormat;
 use super::sample::Sample;
 use super::shard::Shard;
+use super::tensor_shard::TensorShard;
 use render::atomic_file;
 use render::line::Split;
 use serde::{Deserialize, Serialize};
@@ -22,7 +23,7 @@ const TUPLES_A_PART: usize = 256;
 pub(super) struct PartRecord {
     pub(super) numbers: Numbers,
     pub(super) files: Vec<FileRecord>,
-    /// Lines of `metadata.jsonl`; empty for formats without this file.
+    /// Lines of the split's list of tuples; empty for formats without this file.
     pub(super) lines: Vec<String>,
 }
 
@@ -77,13 +78,59 @@ pub(super) struct Prepared {
     pub(super) written: Vec<FileRecord>,
 }
 
+/// A shard that is not complete.
+enum OpenShard {
+    Tar(Shard),
+    Tensors(TensorShard),
+}
+
+impl OpenShard {
+    /// Begins the shard of a part, if the format has shards.
+    fn begin(
+        format: ExportFormat,
+        folder: &ExportFolder,
+        split: Split,
+        number: usize,
+    ) -> Result<Option<Self>, ExportError> {
+        let Some(ending) = format.shard_ending() else { return Ok(None) };
+        let name = format!("{split}-{number:06}{ending}");
+        Ok(Some(match format {
+            ExportFormat::Safetensors => Self::Tensors(TensorShard::begin(folder, name)?),
+            _ => Self::Tar(Shard::begin(folder.root(), name)?),
+        }))
+    }
+
+    fn has_room(&self, sample: &Sample, limit_bytes: u64) -> bool {
+        match self {
+            Self::Tar(shard) => shard.has_room(&sample.files, limit_bytes),
+            Self::Tensors(shard) => {
+                shard.has_room(&sample.record.scene.id, &sample.tensors, limit_bytes)
+            }
+        }
+    }
+
+    fn add(&mut self, sample: &Sample) -> Result<(), ExportError> {
+        match self {
+            Self::Tar(shard) => shard.add(&sample.files),
+            Self::Tensors(shard) => shard.add(&sample.record.scene.id, &sample.tensors),
+        }
+    }
+
+    fn finish(self) -> Result<FileRecord, ExportError> {
+        match self {
+            Self::Tar(shard) => shard.finish(),
+            Self::Tensors(shard) => shard.finish(),
+        }
+    }
+}
+
 /// Writer of a split's parts, one after the other.
 pub(super) struct Parts<'a> {
     plan: &'a ExportPlan,
     folder: &'a ExportFolder,
     split: Split,
     number: usize,
-    open: Option<(PartRecord, Option<Shard>)>,
+    open: Option<(PartRecord, Option<OpenShard>)>,
 }
 
 impl<'a> Parts<'a> {
@@ -102,7 +149,7 @@ impl<'a> Parts<'a> {
         let request = &self.plan.request;
         let limit_bytes = u64::from(request.shard_mb.unwrap_or(0)) * 1_000_000;
         let is_full = self.open.as_ref().is_some_and(|(record, shard)| match shard {
-            Some(shard) => !shard.has_room(&prepared.sample.files, limit_bytes),
+            Some(shard) => !shard.has_room(&prepared.sample, limit_bytes),
             None => record.numbers.tuples >= TUPLES_A_PART as u64,
         });
         if is_full {
@@ -111,26 +158,18 @@ impl<'a> Parts<'a> {
         if self.open.is_none() {
             let record =
                 PartRecord { numbers: Numbers::default(), files: Vec::new(), lines: Vec::new() };
-            let shard = if request.format == ExportFormat::Webdataset {
-                let name = format!("{}-{:06}.tar", self.split, self.number);
-                Some(Shard::begin(self.folder.root(), name)?)
-            } else {
-                None
-            };
+            let shard = OpenShard::begin(request.format, self.folder, self.split, self.number)?;
             self.open = Some((record, shard));
         }
         let Some((record, shard)) = &mut self.open else {
             return Ok(());
         };
         if let Some(shard) = shard {
-            shard.add(&prepared.sample.files)?;
+            shard.add(&prepared.sample)?;
         }
         record.files.extend(prepared.written);
         record.numbers.add(&Numbers::of(&prepared.sample.record));
-        if request.format == ExportFormat::Imagefolder {
-            let line = metadata_line(self.plan, &prepared.sample.record);
-            record.lines.push(line);
-        }
+        record.lines.extend(listing_line(self.plan, &prepared.sample.record));
         Ok(())
     }
 

@@ -25,7 +25,7 @@ pub struct ExportOptions {
     pub format: ExportFormat,
     pub encoding: PixelEncoding,
     pub splits: BTreeSet<Split>,
-    /// Maximum size of a WebDataset shard, megabytes (1e6 bytes); a shard with a single tuple may be larger.
+    /// Maximum size of a shard, megabytes (1e6 bytes); a shard with a single tuple may be larger.
     pub shard_mb: u32,
     /// True to leave out scenes that are not merged yet.
     pub partial: bool,
@@ -76,7 +76,6 @@ impl ExportPlan {
                 run.lines[scene].id
             )));
         }
-        let is_webdataset = options.format == ExportFormat::Webdataset;
         let request = ExportRequest {
             schema: EXPORT_REQUEST_SCHEMA.to_owned(),
             name: run.spec.name.clone(),
@@ -85,7 +84,7 @@ impl ExportPlan {
             format: options.format,
             encoding: options.encoding,
             splits: options.splits.iter().copied().collect(),
-            shard_mb: is_webdataset.then_some(options.shard_mb),
+            shard_mb: options.format.shard_ending().map(|_| options.shard_mb),
             left_out,
         };
         Ok(Self::of(run, request))

@@ -25,6 +25,19 @@ pub enum ExportFormat {
     Pairs,
     /// A multi-part OpenEXR file for each tuple: `SPLIT/ID.exr`.
     Exr,
+    /// Shards of tensors in the format of safetensors: `SPLIT-000000.safetensors` with `ID.LAYER`, and `SPLIT.jsonl`.
+    Safetensors,
+}
+
+impl ExportFormat {
+    /// Returns the ending of the names of shards, with the dot; `None` for a format with files for each tuple.
+    pub(super) fn shard_ending(self) -> Option<&'static str> {
+        match self {
+            Self::Webdataset => Some(".tar"),
+            Self::Safetensors => Some(".safetensors"),
+            Self::Imagefolder | Self::Pairs | Self::Exr => None,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -34,7 +47,7 @@ pub enum PixelEncoding {
     Srgb8,
     /// PNGs of 16-bit sRGB codes, clipped at 1.
     Srgb16,
-    /// OpenEXR, linear, not clipped; half or float as in the tuple.
+    /// OpenEXR or tensors, linear, not clipped; half or float as in the tuple.
     Linear,
     /// The tuple's photographs: PNGs of I behind the camera, decoded from its JPEG, and of T and R~ without noise.
     Photograph,
@@ -66,7 +79,7 @@ pub struct ExportRequest {
     pub encoding: PixelEncoding,
     /// Exported splits, in the order of [`Split`].
     pub splits: Vec<Split>,
-    /// Maximum size of a WebDataset shard, megabytes (1e6 bytes); a shard with a single tuple may be larger.
+    /// Maximum size of a shard, megabytes (1e6 bytes); a shard with a single tuple may be larger.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shard_mb: Option<u32>,
     /// Scenes that the export leaves out, although they are in its splits.
@@ -114,6 +127,12 @@ pub(super) fn check(format: ExportFormat, encoding: PixelEncoding) -> Result<(),
         ) => {
             "OpenEXR files hold linear light: leave --encoding out, or use --format webdataset, imagefolder or pairs"
         }
+        (
+            ExportFormat::Safetensors,
+            PixelEncoding::Srgb8 | PixelEncoding::Srgb16 | PixelEncoding::Photograph,
+        ) => {
+            "safetensors hold linear light: leave --encoding out, or use --format webdataset, imagefolder or pairs"
+        }
         _ => return Ok(()),
     };
     Err(ExportError::Request(reason.to_owned()))
@@ -135,6 +154,7 @@ impl fmt::Display for ExportFormat {
             Self::Imagefolder => "imagefolder",
             Self::Pairs => "pairs",
             Self::Exr => "exr",
+            Self::Safetensors => "safetensors",
         })
     }
 }

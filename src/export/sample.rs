@@ -1,14 +1,15 @@
-//! Converts a tuple to the files of an export: names and bytes.
+//! Converts a tuple to the files of an export, names and bytes, or to tensors.
 
 use super::error::ExportError;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
+use super::tensors::{Tensor, tensors};
 use crate::run::keys;
 use crate::store::Store;
 use bytes::Bytes;
 use render::formats::{encode_npy, encode_parts_exr, label_precision};
 use render::label::{Label, LabelImages, LabelSet};
-use render::layer::Layer;
+use render::layer::{Layer, PerLayer};
 use render::line::{ExrPrecision, SceneLine, Split};
 use render::merge::{
     PHOTO, RAW, TupleRecord, check_png, decode_tuple_exr, decode_tuple_labels, encode_png16,
@@ -20,6 +21,8 @@ use std::path::Path;
 pub(super) struct Sample {
     /// Files, sorted by name: paths in the exported folder, or members of a tar.
     pub(super) files: Vec<(String, Bytes)>,
+    /// Tensors of [`ExportFormat::Safetensors`], which has no files for a tuple.
+    pub(super) tensors: Vec<Tensor>,
     /// Content of `tuple.json`.
     pub(super) record: TupleRecord,
 }
@@ -28,7 +31,7 @@ pub(super) struct Sample {
 const PAIR_FOLDERS: [&str; 4] =
     ["blended", "transmission_layer", "reflection_layer", "clean_reflection_layer"];
 
-/// Returns the path (in a tar, the name) of a layer's file; in [`ExportFormat::Exr`], one file has all layers.
+/// Returns the path (in a shard, the name) of a layer's file; in [`ExportFormat::Exr`], one file has all layers.
 pub(super) fn layer_file(
     format: ExportFormat,
     encoding: PixelEncoding,
@@ -45,24 +48,26 @@ pub(super) fn layer_file(
         ExportFormat::Imagefolder => format!("{split}/{name}/{id}.{ending}"),
         ExportFormat::Pairs => format!("{split}/{}/{id}.{ending}", PAIR_FOLDERS[layer]),
         ExportFormat::Exr => format!("{split}/{id}.{ending}"),
+        ExportFormat::Safetensors => format!("{id}.{name}"),
     }
 }
 
-/// Returns the path (in a tar, the name) of a label's file; in [`ExportFormat::Exr`], the file of the layers has the labels, too.
+/// Returns the path (in a shard, the name) of a label's file; in [`ExportFormat::Exr`], the file of the layers has the labels, too.
 pub(super) fn label_file(format: ExportFormat, line: &SceneLine, label: Label) -> String {
     let (split, id) = (line.split, &line.id);
     match format {
         ExportFormat::Webdataset => format!("{id}.{label}.npy"),
         ExportFormat::Imagefolder | ExportFormat::Pairs => format!("{split}/{label}/{id}.npy"),
         ExportFormat::Exr => layer_file(format, PixelEncoding::Linear, line, 0),
+        ExportFormat::Safetensors => format!("{id}.{label}"),
     }
 }
 
-/// Lists the folders of a split, relative to the exported folder; none for tars.
+/// Lists the folders of a split, relative to the exported folder; none for shards.
 pub(super) fn layer_folders(plan: &ExportPlan, split: Split) -> Vec<String> {
     let layers = plan.layers();
     let mut folders: Vec<String> = match plan.request.format {
-        ExportFormat::Webdataset => return Vec::new(),
+        ExportFormat::Webdataset | ExportFormat::Safetensors => return Vec::new(),
         ExportFormat::Exr => return vec![split.to_string()],
         ExportFormat::Imagefolder => layers.map(|(_, name)| format!("{split}/{name}")).collect(),
         ExportFormat::Pairs => {
@@ -87,7 +92,7 @@ pub(super) fn sample(
     }
     let record: TupleRecord =
         serde_json::from_slice(&json).map_err(|e| damaged(line, "tuple.json", &e))?;
-    let mut files = Vec::new();
+    let (mut files, mut of_layers) = (Vec::new(), Vec::new());
     match encoding {
         PixelEncoding::Srgb8 => files.extend(copies(&mut tuple, &record, line, format)?),
         PixelEncoding::Photograph => {
@@ -100,10 +105,13 @@ pub(super) fn sample(
         record.check_file("tuple.exr", &exr).map_err(|e| damaged(line, "tuple.exr", &e))?;
         let labels = decode_tuple_labels(&exr, &record);
         let labels = labels.map_err(|e| damaged(line, "tuple.exr", &e))?;
-        if format != ExportFormat::Exr {
+        if format == ExportFormat::Safetensors {
+            let layers = decoded(&exr, &record, line)?;
+            of_layers = tensors(line, &layers, &labels, precision(&record));
+        } else if format != ExportFormat::Exr {
             files.extend(label_files(&labels, &record, line, format));
         }
-        if encoding.is_of_exr() {
+        if encoding.is_of_exr() && format != ExportFormat::Safetensors {
             files.extend(encoded(&exr, &labels, &record, line, format, encoding)?);
         }
     }
@@ -111,7 +119,7 @@ pub(super) fn sample(
         files.push((format!("{}.json", line.id), json));
     }
     files.sort_by(|a, b| a.0.cmp(&b.0));
-    Ok(Sample { files, record })
+    Ok(Sample { files, tensors: of_layers, record })
 }
 
 /// True if the export needs `tuple.exr`: the PNGs lack labels, and pixels of other encodings.
@@ -217,6 +225,14 @@ fn precision(record: &TupleRecord) -> ExrPrecision {
     if is_half { ExrPrecision::Half } else { ExrPrecision::Float }
 }
 
+fn decoded(
+    exr: &[u8],
+    record: &TupleRecord,
+    line: &SceneLine,
+) -> Result<PerLayer<Vec<[f32; 3]>>, ExportError> {
+    decode_tuple_exr(exr, record).map_err(|e| damaged(line, "tuple.exr", &e))
+}
+
 fn encoded(
     exr: &[u8],
     labels: &LabelImages,
@@ -225,7 +241,7 @@ fn encoded(
     format: ExportFormat,
     encoding: PixelEncoding,
 ) -> Result<Vec<(String, Bytes)>, ExportError> {
-    let layers = decode_tuple_exr(exr, record).map_err(|e| damaged(line, "tuple.exr", &e))?;
+    let layers = decoded(exr, record, line)?;
     let (width, height) = (line.film.width, line.film.height);
     let precision = precision(record);
     let failed = |name: &str, reason: &dyn std::fmt::Display| ExportError::Encode {
@@ -256,7 +272,7 @@ fn encoded(
 }
 
 /// Returns the indices and names of a scene's layers.
-fn made(line: &SceneLine) -> impl Iterator<Item = (usize, &'static str)> {
+pub(super) fn made(line: &SceneLine) -> impl Iterator<Item = (usize, &'static str)> {
     let asked = line.film.layers.asked().0;
     Layer::NAMES.into_iter().enumerate().filter(move |(layer, _)| asked[*layer])
 }

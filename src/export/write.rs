@@ -6,7 +6,7 @@ use super::finish::finish;
 use super::folder::{ExportFolder, FolderState, STATE_FOLDER, look};
 use super::part::{PartRecord, Parts, Prepared};
 use super::plan::ExportPlan;
-use super::request::{ExportFormat, REQUEST_FILE};
+use super::request::REQUEST_FILE;
 use super::sample::{layer_folders, sample};
 use crate::run::Run;
 use crate::store::Store;
@@ -125,6 +125,7 @@ pub fn estimate_bytes(run: &Run, store: &Store, plan: &ExportPlan) -> Result<u64
         let line = &run.lines[plan.scenes[trial * count / trials]];
         let sample = sample(store, line, plan.request.format, plan.request.encoding)?;
         bytes += sample.files.iter().map(|(_, b)| b.len()).sum::<usize>();
+        bytes += sample.tensors.iter().map(|tensor| tensor.bytes.len()).sum::<usize>();
     }
     Ok((bytes as f64 / trials.max(1) as f64 * count as f64) as u64)
 }
@@ -193,7 +194,7 @@ impl SplitWriter<'_> {
         let request = &self.plan.request;
         let mut sample = sample(self.store, line, request.format, request.encoding)?;
         let mut written = Vec::new();
-        if request.format != ExportFormat::Webdataset {
+        if request.format.shard_ending().is_none() {
             for (name, bytes) in sample.files.drain(..) {
                 // A relaxed write suffices, because the export syncs files once per part.
                 atomic_file::write_relaxed(&self.folder.path(&name), &bytes)?;

@@ -104,5 +104,5 @@ fn any_crash_of_training_loses_nothing() {
 #[test]
 #[ignore = "takes minutes; `just crash` runs it"]
 fn any_crash_of_exports_loses_nothing() {
-    crash(&["export of pairs", "export of shards"], 1, 64, 100);
+    crash(&["export of pairs", "export of shards", "export of tensors"], 1, 64, 100);
 }

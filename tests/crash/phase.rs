@@ -106,6 +106,7 @@ fn record_phases() -> Vec<Phase> {
     let exports = [
         export("export of pairs", "export run --out out --format pairs -j 1"),
         export("export of shards", "export run --out out --format webdataset -j 1"),
+        export("export of tensors", "export run --out out --format safetensors -j 1"),
     ];
     let mut scene = plan.reference.clone();
     let lines = String::from_utf8_lossy(scene[Path::new("run/manifest.jsonl")].as_ref().unwrap());

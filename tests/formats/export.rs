@@ -90,7 +90,7 @@ pub(crate) fn ids(run: &Path, split: &str) -> Vec<String> {
     ids
 }
 
-const FORMATS: [(&str, &str); 10] = [
+const FORMATS: [(&str, &str); 12] = [
     ("webdataset", "srgb8"),
     ("webdataset", "srgb16"),
     ("webdataset", "linear"),
@@ -101,6 +101,8 @@ const FORMATS: [(&str, &str); 10] = [
     ("pairs", "linear"),
     ("exr", "linear"),
     ("exr", ""),
+    ("safetensors", "linear"),
+    ("safetensors", ""),
 ];
 
 #[test]

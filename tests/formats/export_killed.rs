@@ -25,6 +25,7 @@ fn a_killed_export_resumes_and_ends_with_the_same_bytes() {
         ("shards", &SHARDS[..], ".export/train-000001.json"),
         ("pairs", &["--format", "pairs"], "train/blended"),
         ("exr", &["--format", "exr"], "train"),
+        ("tensors", &["--format", "safetensors", "--shard-mb", "1"], ".export/train-000001.json"),
     ] {
         let whole = folder.path().join(format!("{name}-whole"));
         run(&arguments(&made, &whole, more)).expect(0);
@@ -41,11 +42,12 @@ fn a_killed_export_resumes_and_ends_with_the_same_bytes() {
                 continue;
             }
             killed += 1;
-            let first = out.join("train-000000.tar");
+            let ending = if name == "shards" { "tar" } else { "safetensors" };
+            let first = out.join(format!("train-000000.{ending}"));
             let before = first.metadata().ok().map(|meta| meta.modified().unwrap());
             line.push("--json");
             let json = run(&line).expect(0).json();
-            if name == "shards" {
+            if sign.starts_with(".export/") {
                 assert!(json["tuples_resumed"].as_u64().unwrap() > 0, "{json}");
                 assert_eq!(before, Some(first.metadata().unwrap().modified().unwrap()));
             }

@@ -49,6 +49,7 @@ fn loaders_return_the_pixels_of_the_tuples() {
         ("p", "--format pairs", &["pairs"]),
         ("pl", "--format pairs --encoding linear", &["pairs_linear"]),
         ("e", "--format exr", &["exr"]),
+        ("s", "--format safetensors", &["safetensors", "safetensors_torch"]),
     ] {
         let out = export(&made, &folder.path().join(name), more);
         for what in readers {
@@ -85,6 +86,7 @@ fn films_with_floats_or_fewer_layers_are_read() {
         ("p", "--format pairs", "pairs"),
         ("pl", "--format pairs --encoding linear", "pairs_linear"),
         ("e", "--format exr", "exr"),
+        ("s", "--format safetensors", "safetensors"),
     ] {
         let out = export(&made, &folder.path().join(name), more);
         read_back(what, &made, &out);
@@ -107,13 +109,13 @@ fn examples_in_datasets_md_work() {
         Ended::from(output.unwrap()).expect(0);
         formats += 1;
     }
-    assert_eq!(formats, 4, "the document has an example of every format");
+    assert_eq!(formats, 5, "the document has an example of every format");
     let blocks: Vec<&str> = document
         .split("```python\n")
         .skip(1)
         .map(|rest| rest.split_once("```").unwrap().0)
         .collect();
-    assert_eq!(blocks.len(), 5, "a block for each way to read");
+    assert_eq!(blocks.len(), 6, "a block for each way to read");
     let cache = tempfile::tempdir().unwrap();
     for block in blocks {
         let mut python = python();

@@ -78,6 +78,9 @@ fn impossible_exports_are_refused() {
     for (more, code, words) in [
         (&["--format", "exr", "--encoding", "srgb8"][..], 2, "linear light"),
         (&["--format", "imagefolder", "--encoding", "linear"], 2, "reads no OpenEXR"),
+        (&["--format", "safetensors", "--encoding", "srgb8"], 2, "safetensors hold linear light"),
+        (&["--format", "safetensors", "--encoding", "srgb16"], 2, "leave --encoding out"),
+        (&["--format", "safetensors", "--encoding", "photograph"], 2, "linear light"),
         (&["--format", "zip"], 2, "possible values"),
         (&["--format", "pairs", "--shard-mb", "0"], 2, "shard-mb"),
     ] {

@@ -13,6 +13,7 @@ mod export;
 mod export_killed;
 mod export_readers;
 mod export_refused;
+mod export_tensors;
 mod inspect;
 mod inspect_damage;
 mod markup;

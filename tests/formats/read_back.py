@@ -259,6 +259,52 @@ def read_exr(run, out):
     return count
 
 
+def each_shard(out, framework):
+    """Returns the opened shards of tensors of each split, in order."""
+    from safetensors import safe_open
+
+    for split in ("train", "test"):
+        for path in sorted(out.glob(f"{split}-*.safetensors")):
+            with safe_open(path, framework=framework) as shard:
+                metadata = shard.metadata()
+                assert metadata["schema"] == "glasshouse.tuples/1", metadata
+                yield split, json.loads(metadata["scenes"]), shard
+
+
+def read_safetensors(run, out):
+    import numpy
+
+    count = 0
+    seen = {"train": [], "test": []}
+    for split, names, shard in each_shard(out, "np"):
+        seen[split] += names
+        keys = [f"{scene}.{layer}" for scene in names for layer in layers_of(scenes(run)[scene])]
+        assert sorted(shard.keys()) == sorted(keys), shard.keys()
+        for key in keys:
+            same(shard.get_tensor(key), numpy.moveaxis(linear(run, *key.split(".")), -1, 0))
+            count += 1
+    for split, names in seen.items():
+        assert names == sorted(scenes(run, split)), names
+        lines = (out / f"{split}.jsonl").read_text().splitlines()
+        records = [(run / "tuples" / scene / "tuple.json").read_text() for scene in names]
+        assert [json.loads(line) for line in lines] == [json.loads(record) for record in records]
+    return count
+
+
+def read_safetensors_torch(run, out):
+    """Reads with PyTorch, whose tensors are parts of the mapped file."""
+    import torch
+
+    count = 0
+    for _, names, shard in each_shard(out, "pt"):
+        for scene in names:
+            found = shard.get_tensor(f"{scene}.input")
+            expected = torch.from_numpy(linear(run, scene, "input")).permute(2, 0, 1)
+            assert found.dtype == expected.dtype and torch.equal(found, expected)
+            count += 1
+    return count
+
+
 def read_croissant(run, out):
     import mlcroissant
     import numpy

@@ -32,13 +32,13 @@ pub(super) struct ExportArgs {
     /// Folder of the export: a new or empty one, or one with an export of the same kind, which resumes
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Pixel encoding [default: srgb8; for exr: linear]
+    /// Pixel encoding [default: srgb8; for exr and safetensors: linear]
     #[arg(long, value_enum)]
     encoding: Option<EncodingName>,
     /// Scenes to export
     #[arg(long, value_enum, default_value = "all")]
     split: SplitName,
-    /// Largest WebDataset shard, MB (1e6 bytes); a larger tuple gets a shard of its own
+    /// Largest shard of webdataset or safetensors, MB (1e6 bytes); a larger tuple gets a shard of its own
     #[arg(long, value_name = "MB", default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     shard_mb: u32,
     /// Export the finished tuples of an unfinished run
@@ -58,6 +58,8 @@ enum FormatName {
     Pairs,
     /// One multi-part OpenEXR file per tuple.
     Exr,
+    /// Shards of linear tensors, for PyTorch and NumPy.
+    Safetensors,
 }
 
 impl From<FormatName> for ExportFormat {
@@ -67,6 +69,7 @@ impl From<FormatName> for ExportFormat {
             FormatName::Imagefolder => Self::Imagefolder,
             FormatName::Pairs => Self::Pairs,
             FormatName::Exr => Self::Exr,
+            FormatName::Safetensors => Self::Safetensors,
         }
     }
 }
@@ -77,7 +80,7 @@ enum EncodingName {
     Srgb8,
     /// PNGs of 16-bit sRGB codes, from the tuples' EXRs.
     Srgb16,
-    /// OpenEXR files, linear and not clipped.
+    /// OpenEXR files or tensors, linear and not clipped.
     Linear,
     /// PNGs of the photographs of scenes with a sensor.
     Photograph,
@@ -99,7 +102,7 @@ impl ExportArgs {
     fn encoding(&self) -> PixelEncoding {
         match (self.encoding, self.format) {
             (Some(encoding), _) => encoding.into(),
-            (None, FormatName::Exr) => PixelEncoding::Linear,
+            (None, FormatName::Exr | FormatName::Safetensors) => PixelEncoding::Linear,
             (None, _) => PixelEncoding::Srgb8,
         }
     }
@@ -156,7 +159,10 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
     }
     // An unfinished export already has a part of the bytes.
     if let (FolderState::Empty, Some(needed)) = (&state, foretold) {
-        check_space(args, needed)?;
+        let shard = u64::from(args.shard_mb) * 1_000_000;
+        // The data of an unfinished shard of tensors are on the disk twice.
+        let is_twice = args.format == FormatName::Safetensors;
+        check_space(args, needed + if is_twice { needed.min(shard) } else { 0 })?;
     }
 
     let signals = Signals::catch();

@@ -200,12 +200,13 @@ Examples:
   glasshouse similarity captures
   glasshouse similarity captures --spp 1024 --draws 20 --json")]
     Similarity(similarity::SimilarityArgs),
-    /// Export a run's tuples as a data set for common loaders: tars, folders or OpenEXR files
+    /// Export a run's tuples as a data set for common loaders: tars, folders, OpenEXR files or tensors
     #[command(after_help = "\
 webdataset   DIR/SPLIT-000000.tar with ID.LAYER.png and ID.json, for the WebDataset library
 imagefolder  DIR/SPLIT/metadata.jsonl and DIR/SPLIT/LAYER/ID.png, for Hugging Face's datasets
 pairs        DIR/SPLIT/blended/ID.png, transmission_layer/, reflection_layer/, clean_reflection_layer/
 exr          DIR/SPLIT/ID.exr: OpenEXR with one part per layer, linear light
+safetensors  DIR/SPLIT-000000.safetensors with tensors ID.LAYER, linear light, and DIR/SPLIT.jsonl, for PyTorch and NumPy
 
 Every format adds a dataset card (README.md), export.json and SHA256SUMS; the first two also add
 croissant.json. Equal runs give equal bytes. The same command resumes a stopped export, and refuses a
@@ -217,7 +218,8 @@ finished.
 Examples:
   glasshouse export runs/smoke --format webdataset --out smoke-webdataset
   glasshouse export runs/smoke --format imagefolder --out smoke-imagefolder --split train
-  glasshouse export runs/smoke --format pairs --encoding srgb16 --out smoke-pairs --json")]
+  glasshouse export runs/smoke --format pairs --encoding srgb16 --out smoke-pairs --json
+  glasshouse export runs/smoke --format safetensors --out smoke-safetensors")]
     Export(export::ExportArgs),
     /// Estimate the depth of a folder's pictures with Depth Anything V2 and your weights; resumes
     #[cfg(feature = "train")]
@@ -256,7 +258,7 @@ Examples:
     /// Explain files: their kind, their scene and any damage
     #[command(after_help = "\
 Recognises, mostly by content: partials, tuples, specs, manifests, recipes, records of the farm, checkpoints, curves,
-event files, scores, exported archives, report pages, input files, and folders of a run, a tuple or a checkpoint.
+event files, scores, exported shards, report pages, input files, and folders of a run, a tuple or a checkpoint.
 
 Exit code 4: a file is damaged, unknown or missing; the text names the damage, its place and a remedy.
 
