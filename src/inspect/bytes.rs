@@ -4,7 +4,7 @@ use super::digests::{CheckpointDigests, hold_file};
 use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, kind_by_name, kind_of, schema_of};
-use super::{archive, lists, manifest, partial, picture, record, tuple};
+use super::{archive, lists, manifest, partial, picture, record, tuple, tuple_shard};
 use render::atomic_file::is_unfinished;
 use render::layer::Layer;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -51,6 +51,7 @@ fn read(kind: Kind, input: &Input) -> Inspection {
             found
         }
         Kind::Archive => archive::read(input.bytes, input.bytes.len() as u64),
+        Kind::Tuples => tuple_shard::read(input),
         Kind::Picture | Kind::Array | Kind::Mesh | Kind::Raw => picture::read(kind, input),
         Kind::PhotographList
         | Kind::Rejected
@@ -139,6 +140,7 @@ mod tests {
             b"ply\nformat ascii 1.0\nelement vertex 99999999999\n",
             b"\xff\xff\xff\xff\xff\0\0\0{",
             b"\x02\0\0\0\0\0\0\0{}",
+            b"\x3b\0\0\0\0\0\0\0{\"__metadata__\":{\"schema\":\"glasshouse.tuples/1\",\"scenes\":\"\"}",
             b"\xff\xff\xff\xff\xff\xff\xff\xff\0\0\0\0brain.Event:2",
             b"{\"schema\":\"glasshouse.spec/1\"",
             b"{\"schema\":\"glasshouse.tuple/1\"}",

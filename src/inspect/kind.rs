@@ -52,6 +52,7 @@ kinds! {
     EvaluationTable "evaluation_table" "table of mean scores"
     Output "output" "JSON that a command of this program printed"
     Archive "archive" "tar archive"
+    Tuples "tuples" "shard of exported tuples, in the format of safetensors"
     Listing "listing" "list of an exported data set, one sample per line"
     Card "card" "README.md, the card of an exported data set"
     Croissant "croissant" "croissant.json, the description of an exported data set"
@@ -113,6 +114,12 @@ pub(super) fn kind_of(name: &str, head: &[u8]) -> Option<Kind> {
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Kind::Array,
         [b'p', b'l', b'y', b'\r' | b'\n', ..] => Kind::Mesh,
         _ if head.get(257..262) == Some(b"ustar") => Kind::Archive,
+        // The metadata precede the tensors.
+        [_, _, _, _, _, 0, 0, 0, b'{', start @ ..]
+            if contains(&start[..start.len().min(64)], b"glasshouse.tuples/") =>
+        {
+            Kind::Tuples
+        }
         [_, _, _, _, _, 0, 0, 0, b'{', ..] => Kind::Tensors,
         // A record starts with its length and checksum; the first event has the time and this text.
         _ if head.get(12..64).is_some_and(|start| contains(start, b"brain.Event:")) => Kind::Events,
@@ -184,8 +191,12 @@ fn json_kind(name: &str, text: &str) -> Option<Kind> {
     let is_lines = name.rsplit('.').next() == Some("jsonl")
         || (first.ends_with('}') && lines.next().is_some_and(|l| l.starts_with('{')));
     if let Some(kind) = schema {
-        let is_manifest = kind == Kind::Scene && is_lines;
-        return Some(if is_manifest { Kind::Manifest } else { kind });
+        return Some(match kind {
+            Kind::Scene if is_lines => Kind::Manifest,
+            // The records of an exported data set.
+            Kind::TupleRecord if is_lines => Kind::Listing,
+            kind => kind,
+        });
     }
     if text.contains("\"@context\"") {
         return Some(Kind::Croissant);

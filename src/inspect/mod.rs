@@ -25,6 +25,7 @@ mod archive;
 mod manifest;
 mod partial;
 mod tuple;
+mod tuple_shard;
 
 mod bytes;
 mod file;

@@ -1,6 +1,7 @@
 //! Files that `export` and `train` write, and the expected output of `inspect` for each.
 
 use crate::every_file::{Files, SCENE};
+use crate::support::workplace::run_in;
 use sha2::Digest;
 use std::fmt::Write;
 
@@ -42,6 +43,15 @@ pub(crate) fn of_an_export(files: &mut Files) {
         "---\nlicense: other\npretty_name: \"smoke\"\ntags:\n- reflection-removal\n- reflection-separation\n---\n",
     );
     files.is("set/README.md", "card", None, &["smoke", "sha256sum -c"]);
+    let line = ["export", "runs/smoke", "--format", "safetensors", "--out", "tensors"];
+    run_in(files.folder.path(), &line).expect(0);
+    files.is(
+        "tensors/train-000000.safetensors",
+        "tuples",
+        None,
+        &["1: train-sample-000000", "input (F16)", "sha256sum -c"],
+    );
+    files.is("tensors/train.jsonl", "listing", None, &["1 sample", "tracer_version"]);
 }
 
 #[cfg(feature = "train")]

@@ -211,13 +211,18 @@ fn of_an_export_and_a_training() -> Vec<(&'static str, Vec<u8>)> {
         header.set_cksum();
         shard.append_data(&mut header, name, bytes).unwrap();
     }
-    let tensors = br#"{"separation.a":{"dtype":"F32","shape":[2],"data_offsets":[0,8]}}"#;
-    let mut weights = (tensors.len() as u64).to_le_bytes().to_vec();
-    weights.extend(tensors);
-    weights.extend([0; 8]);
+    let tensors = |header: &str| {
+        let length = (header.len() as u64).to_le_bytes();
+        [&length[..], header.as_bytes(), &[0; 8]].concat()
+    };
+    let weights = tensors(r#"{"separation.a":{"dtype":"F32","shape":[2],"data_offsets":[0,8]}}"#);
+    let tuples = tensors(
+        r#"{"__metadata__":{"schema":"glasshouse.tuples/1","scenes":"[\"a\"]"},"a.input":{"dtype":"F16","shape":[3,1,1],"data_offsets":[0,6]},"a.input.padding":{"dtype":"U8","shape":[2],"data_offsets":[6,8]}}"#,
+    );
     vec![
         ("shard.tar", shard.into_inner().unwrap()),
         ("model.safetensors", weights),
+        ("tuples.safetensors", tuples),
         ("metrics.csv", b"step,total,wall_s\n1,0.5,0.1\n2,0.25,0.1\n".to_vec()),
     ]
 }
