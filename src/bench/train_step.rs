@@ -10,7 +10,7 @@ pub struct TrainStep {
     /// User and system time of all threads, s.
     pub cpu_s: f64,
     pub wall_s: f64,
-    /// Names and CPU seconds of the parts, in order; names may repeat.
+    /// Names and CPU seconds of the parts, in order; names may repeat. They exclude the work of a GPU.
     pub parts: Vec<(&'static str, f64)>,
     /// Loss of the generators.
     pub loss: f32,
@@ -62,6 +62,8 @@ impl TrainBench {
             parts.push((part, now - last));
             last = now;
         })?;
+        // A GPU computes the last updates while the program goes on.
+        self.learner.device().synchronize()?;
         Ok(TrainStep {
             cpu_s: process_cpu_s() - cpu,
             wall_s: wall.elapsed().as_secs_f64(),

@@ -1,10 +1,10 @@
-//! Options, device and threads of the networks for a command; loads the networks of a checkpoint.
+//! Options and threads of the networks for a command; loads the networks of a checkpoint.
 
 use super::args::{Global, threads};
+use super::device::DeviceName;
 use super::exit_code::{Exit, Failure, failure};
 use super::output::Output;
 use crate::run::keys;
-use clap::ValueEnum;
 use plan::{FeatureSource, NetworkKind, Stage};
 use std::path::{Path, PathBuf};
 use train::candle_core::Device;
@@ -12,36 +12,6 @@ use train::{
     Best, Checkpoint, CheckpointState, Features, Separator, checkpoint_folder, stage_folder, steps,
     training_folder,
 };
-
-/// Device that runs the networks.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub(super) enum DeviceName {
-    /// The CPU, with the threads of `-j`.
-    #[default]
-    Cpu,
-    /// The first GPU.
-    #[cfg(feature = "cuda")]
-    Cuda,
-}
-
-impl DeviceName {
-    #[cfg_attr(
-        not(feature = "cuda"),
-        allow(clippy::unnecessary_wraps, reason = "a GPU may be missing")
-    )]
-    pub(super) fn open(self) -> Result<Device, Failure> {
-        match self {
-            Self::Cpu => Ok(Device::Cpu),
-            #[cfg(feature = "cuda")]
-            Self::Cuda => Device::new_cuda(0).map_err(|e| {
-                failure!(
-                    Exit::Failed,
-                    "cannot use the GPU ({e}): see docs/training.md, or leave out --device"
-                )
-            }),
-        }
-    }
-}
 
 /// Builds the thread pool of the networks and returns the number of threads. The calling thread becomes one of them:
 /// a training step consists of hundreds of short parallel loops, and starting each from another thread costs two
@@ -84,18 +54,25 @@ impl Network {
     pub(super) fn open(
         place: &Path,
         weights: Option<&str>,
+        device: DeviceName,
         output: &Output,
     ) -> Result<Self, Failure> {
-        Self::of(checkpoint(place, output)?, weights, output)
+        Self::of(checkpoint(place, output)?, weights, device, output)
     }
 
     /// Returns the networks whose weights ship with the program.
-    pub(super) fn shipped(output: &Output) -> Result<Self, Failure> {
+    pub(super) fn shipped(device: DeviceName, output: &Output) -> Result<Self, Failure> {
         let checkpoint = Checkpoint::shipped().map_err(|e| Failure::new(Exit::Failed, e))?;
-        Self::of(checkpoint, None, output)
+        Self::of(checkpoint, None, device, output)
     }
 
-    fn of(checkpoint: Checkpoint, weights: Option<&str>, output: &Output) -> Result<Self, Failure> {
+    fn of(
+        checkpoint: Checkpoint,
+        weights: Option<&str>,
+        device: DeviceName,
+        output: &Output,
+    ) -> Result<Self, Failure> {
+        let device = device.open()?;
         let settings = &checkpoint.state.settings;
         if weights.is_some() && settings.features != FeatureSource::File {
             output.note(&format!(
@@ -104,12 +81,12 @@ impl Network {
             ));
         }
         let file = weights_file(weights);
-        let Features { vgg, blake3 } = Features::load(settings, file, &Device::Cpu)
+        let Features { vgg, blake3 } = Features::load(settings, file, &device)
             .map_err(|e| Failure::new(Exit::InvalidInput, e))?;
         if let (Some(path), Some(blake3)) = (file, &blake3) {
             output.note(&format!("VGG-19 from {}, BLAKE3 {blake3}", path.display()));
         }
-        let separator = Separator::new(&checkpoint, vgg, blake3.as_deref())?;
+        let separator = Separator::new(&checkpoint, vgg, blake3.as_deref(), &device)?;
         Ok(Self { separator, path: checkpoint.path, state: checkpoint.state })
     }
 

@@ -188,7 +188,8 @@ impl Learner {
     pub fn set_model(&mut self, model: &HashMap<String, Tensor>, prefix: &str) -> Result<()> {
         for (name, variable) in self.variables() {
             if name.starts_with(prefix) {
-                variable.set(of_shape(model, &name, variable.dims())?)?;
+                let weights = of_shape(model, &name, variable.dims())?;
+                variable.set(&weights.to_device(variable.device())?)?;
             }
         }
         if let Some(averages) = &mut self.averages {

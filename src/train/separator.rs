@@ -48,12 +48,13 @@ pub struct Separator {
 }
 
 impl Separator {
-    /// Loads a checkpoint of the separation stage. `vgg` is the feature network that its settings require; `vgg_blake3`
-    /// is the digest of the weights file, if the features come from a file.
+    /// Loads a checkpoint of the separation stage to a device. `vgg` is the feature network that its settings require, on
+    /// that device; `vgg_blake3` is the digest of the weights file, if the features come from a file.
     pub fn new(
         checkpoint: &Checkpoint,
         vgg: Option<Vgg>,
         vgg_blake3: Option<&str>,
+        device: &Device,
     ) -> std::result::Result<Self, SeparatorError> {
         let state = &checkpoint.state;
         let path = || checkpoint.path.clone();
@@ -76,7 +77,7 @@ impl Separator {
             ..state.settings.clone()
         };
         settings.validate().map_err(|source| SeparatorError::Settings { path: path(), source })?;
-        let learner = Learner::new(state.stage, &settings, vgg, &Device::Cpu);
+        let learner = Learner::new(state.stage, &settings, vgg, device);
         let learner = learner.and_then(|mut learner| {
             learner.set_model(&checkpoint.model, "")?;
             Ok(learner)
@@ -193,7 +194,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let settings = settings();
         let checkpoint = checkpoint(folder.path(), Stage::Separation, &settings);
-        let separator = Separator::new(&checkpoint, Some(vgg(&settings)), None).unwrap();
+        let separator =
+            Separator::new(&checkpoint, Some(vgg(&settings)), None, &Device::Cpu).unwrap();
         let learner =
             Learner::new(Stage::Separation, &settings, Some(vgg(&settings)), &Device::Cpu);
         let picture = RgbImage::from_fn(37, 21, |x, y| {
@@ -216,7 +218,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let settings = settings();
         let text = |checkpoint: &Checkpoint, vgg, blake3| {
-            Separator::new(checkpoint, vgg, blake3).err().unwrap().to_string()
+            Separator::new(checkpoint, vgg, blake3, &Device::Cpu).err().unwrap().to_string()
         };
         let alone = checkpoint(folder.path(), Stage::Backtrack, &settings);
         assert!(text(&alone, Some(vgg(&settings)), None).contains("BT-net alone"));

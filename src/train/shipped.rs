@@ -50,7 +50,7 @@ mod tests {
         assert!(shipped.state.baselines.is_some());
         assert!(shipped.state.origin.vgg_blake3.is_none());
         assert!(shipped.state.origin.real_files_blake3.is_none());
-        Separator::new(&shipped, None, None).unwrap();
+        Separator::new(&shipped, None, None, &Device::Cpu).unwrap();
         // Packing halves again changes nothing.
         let [weights, state] = shipped.packed().unwrap();
         assert!(weights == WEIGHTS);

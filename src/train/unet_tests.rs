@@ -73,7 +73,7 @@ fn a_resumed_unet_has_the_same_bits() {
     assert_eq!(checkpoint.state.settings.schedule_steps, 6);
     assert!(checkpoint.state.history.is_empty());
     // The separator works with the running means, and does not brighten.
-    let separator = Separator::new(&checkpoint, None, None).unwrap();
+    let separator = Separator::new(&checkpoint, None, None, &Device::Cpu).unwrap();
     let input = image::RgbImage::from_fn(70, 45, |x, y| {
         image::Rgb([(x * 3) as u8, (y * 5) as u8, (x + y) as u8])
     });

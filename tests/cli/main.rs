@@ -8,6 +8,8 @@
 
 mod bench;
 mod completions;
+#[cfg(feature = "train")]
+mod devices;
 mod doctor;
 mod help;
 mod json;

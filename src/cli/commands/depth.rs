@@ -1,8 +1,9 @@
 //! `depth FOLDER`: estimates the depth of a folder's pictures.
 
 use crate::cli::args::Global;
+use crate::cli::device::DeviceArgs;
 use crate::cli::exit_code::{Exit, Failure, exit_codes, failure};
-use crate::cli::network::{DeviceName, use_threads};
+use crate::cli::network::use_threads;
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
@@ -42,9 +43,8 @@ pub(super) struct DepthArgs {
     /// Field of view of the longer side, degrees [default: from EXIF, or 65]
     #[arg(long, value_name = "DEG", value_parser = view)]
     field_of_view: Option<f64>,
-    /// Device that runs the network
-    #[arg(long, value_enum, default_value = "cpu")]
-    device: DeviceName,
+    #[command(flatten)]
+    device: DeviceArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -114,7 +114,7 @@ pub(super) fn run(args: &DepthArgs, global: &Global, output: &Output) -> Result<
         output.show(SCHEMA, &Answer::new(args, &request, estimated, None));
         return Ok(Exit::Done);
     }
-    let device = args.device.open()?;
+    let device = args.device.device.open()?;
     let net = DepthNet::new(&weights, &model.config(), args.metric, &device)
         .map_err(|e| failure!(Exit::Failed, "{e}"))?;
     watchdog::end_promptly();

@@ -5,8 +5,9 @@ mod settings;
 pub(super) use settings::{NetworkName, PixelName};
 
 use crate::cli::args::{Global, RootArgs, bytes_of_gb};
+use crate::cli::device::DeviceArgs;
 use crate::cli::exit_code::{Exit, Failure, failure};
-use crate::cli::network::{DeviceName, checkpoint, use_threads, weights_file};
+use crate::cli::network::{checkpoint, use_threads, weights_file};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
@@ -71,9 +72,8 @@ pub(super) struct TrainArgs {
     /// Memory for cached examples, GB; a data set that fits is read once
     #[arg(long, value_name = "GB", default_value_t = MEMORY_GB)]
     memory_gb: f64,
-    /// Device of the networks; on a GPU the last bits differ from run to run
-    #[arg(long, value_enum, default_value = "cpu", hide = cfg!(not(feature = "cuda")))]
-    device: DeviceName,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Store of the run's tuples, if they are not in its folder
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
     store: Option<String>,
@@ -130,7 +130,7 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
             None => recipe.as_ref().and_then(|recipe| recipe.features.clone()),
             typed => weights_file(typed).map(Path::to_owned),
         },
-        device: args.device.open()?,
+        device: args.device.device.open()?,
         checkpoint_every: args.checkpoint_every.or(checkpoint_every.map(NonZeroU64::get)),
         keep: args.keep,
         validate: args.validate,
