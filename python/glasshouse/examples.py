@@ -51,7 +51,7 @@ class Examples:
     """The examples of every step of a training, with the bits of `glasshouse train` for the same settings.
 
     Args:
-        run: Folder of a run.
+        run: Folder of a run, or of its export in the format of safetensors.
         settings: Settings of the training, as `[train.settings]` of a recipe; missing ones have their defaults.
         root: Folders of named roots, for mixtures of photographs.
         split: Split of the scenes.
@@ -116,7 +116,8 @@ class Mixtures(Sequence[dict[str, Any]]):
     `len(mixtures)` examples use each tuple once as the front, and the next ones are other examples.
 
     Args:
-        path: Folder of a run with tuples (`glasshouse run RECIPE`).
+        path: Folder of a run with tuples (`glasshouse run RECIPE`), or of its export (`glasshouse export RUN --format
+            safetensors`), whose shards are mapped into memory.
         seed: Seed of all numbers.
         size: Side of the examples, px; by default that of the settings. The tuples must be as large.
         label: "code" for target_r = the code of b R~_j after the same decisions, clipped at 0; "difference" for `input

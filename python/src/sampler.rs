@@ -8,7 +8,7 @@ use crate::process::{PerProcess, interruptible};
 use crossbeam::channel::{Receiver, Sender, bounded};
 use examples::{
     Example, ExampleError, ExampleSampler, PairSource, PhotographSource, Planes, SceneSource,
-    TupleFiles, TupleFilesError, TupleSource, scenes_digest,
+    ShardSource, TupleFiles, TupleFilesError, TupleSource, scenes_digest,
 };
 use numpy::PyArrayMethods;
 use plan::{LocalFiles, TrainSettings, Trainings};
@@ -17,11 +17,14 @@ use pyo3::types::PyDict;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use render::ids::SceneId;
 use render::input_file;
-use render::line::{Roots, SceneLine};
+use render::line::{Roots, SceneLine, Split};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// File of an export.
+const EXPORT: &str = "export.json";
 
 /// Examples of a run's tuples.
 #[pyclass(frozen, module = "glasshouse._native")]
@@ -44,7 +47,7 @@ struct Reader {
 
 #[pymethods]
 impl Sampler {
-    /// Opens a run's folder. `settings` is the JSON of a training's settings; examples are those of the split's scenes.
+    /// Opens the folder of a run, or of an export in the format of safetensors. `settings` is the JSON of a training's settings; examples are those of the split's scenes.
     #[new]
     fn new(
         run: PathBuf,
@@ -56,8 +59,21 @@ impl Sampler {
         let settings: TrainSettings =
             serde_json::from_str(settings).map_err(|e| error(format!("settings: {e}")))?;
         settings.validate().map_err(error)?;
-        let (mut lines, folders) = planned_run(&run, roots)?;
-        lines.retain(|line| line.split.to_string() == split);
+        let of_split: Split = serde_json::from_value(split.into()).map_err(|_| {
+            error(format!("the split is {split:?}, but must be train, validation or test"))
+        })?;
+        let (mut lines, folders) = if run.join(EXPORT).exists() {
+            if !settings.examples.is_composed() {
+                return Err(error(format!(
+                    "{} is an export, of which only composed examples are made",
+                    run.display()
+                )));
+            }
+            (ShardSource::open(&run, of_split).map_err(error)?.lines, BTreeMap::new())
+        } else {
+            planned_run(&run, roots)?
+        };
+        lines.retain(|line| line.split == of_split);
         if settings.scenes > 0 {
             lines.truncate(settings.scenes);
         }
@@ -109,7 +125,11 @@ impl Sampler {
     fn open(&self, threads: usize) -> PyResult<Reader> {
         compose::prepare();
         let (stop, stopped): (Sender<()>, Receiver<()>) = bounded(0);
-        let scenes = if self.settings.examples.needs_tuples() {
+        let scenes = if self.run.join(EXPORT).exists() {
+            let mut source = ShardSource::open(&self.run, self.lines[0].split).map_err(error)?;
+            source.lines.truncate(self.lines.len());
+            SceneSource::Shards(source)
+        } else if self.settings.examples.needs_tuples() {
             SceneSource::Tuples(TupleSource {
                 files: Arc::new(RunFolder(self.run.clone())),
                 lines: self.lines.clone(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,23 @@ def test_examples_are_those_of_a_training(run: Path) -> None:
     assert np.array_equal(of_steps["input"], batch["input"])
     assert np.array_equal(of_steps["transmission"], batch["target_t"])
     assert np.array_equal(of_steps["glass_reflection"], batch["target_r"])
+
+
+def test_an_export_has_the_same_examples(run: Path, program: str, tmp_path: Path) -> None:
+    """Shards of half floats, mapped into memory, give the bits of the run's own tuples."""
+    out = tmp_path / "shards"
+    subprocess.run([program, "export", run, "--format", "safetensors", "--out", out, "-q"], check=True)
+    of_run = glasshouse.Mixtures(run, seed=5, size=32)
+    of_shards = glasshouse.Mixtures(out, seed=5, settings=of_run.settings)
+    assert len(of_shards) == 6
+    numbers = list(range(12))
+    ours, theirs = of_shards.batch(numbers), of_run.batch(numbers)
+    assert all(np.array_equal(ours[name], theirs[name]) for name in ours)
+    with pytest.raises(glasshouse.GlasshouseError, match="composed"):
+        glasshouse.Examples(out, {**of_run.settings, "examples": "rendered"})
+    (out / "train-000000.safetensors").unlink()
+    with pytest.raises(glasshouse.GlasshouseError, match="export the run again"):
+        glasshouse.Mixtures(out, seed=5, size=32)
 
 
 def test_the_reflection_label(run: Path) -> None:

@@ -59,7 +59,8 @@ pub use camera::{Shot, encode_dng, matrix_inverse, matrix_product};
 pub use composition::{
     Camera, ComposedExample, Composition, CompositionError, Cut, Draw, DrawnCamera, DrawnExposure,
     DrawnSensor, DrawnStrength, DrawnZhang, Exposure, LUMINANCE, Layer, Layering, LinearExample,
-    LinearTuple, LogNormal, Mixtures, PercentileExposure, Side, Strength, TupleLayers, srgb_code,
+    LinearTuple, LogNormal, Mixtures, PercentileExposure, SharedBytes, Side, StoredLayer, Strength,
+    TupleLayers, srgb_code,
 };
 pub use error::EvaluateError;
 pub use factor::{Factor, own_best_factor};

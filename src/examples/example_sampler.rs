@@ -2,6 +2,7 @@
 
 use super::example::Example;
 use super::mixture::MixtureRecipe;
+use super::shards::ShardSource;
 use super::source::{Base, ExampleError, PairSource, PhotographSource, TupleSource};
 use compose::{Cut, Stream};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
@@ -20,6 +21,8 @@ const LOOK_EVERY: Duration = Duration::from_secs(2);
 /// Source of the scenes' examples.
 pub enum SceneSource {
     Tuples(TupleSource),
+    /// Exported tuples, for composed examples.
+    Shards(ShardSource),
     /// Photographs to mix in image space.
     Photographs(PhotographSource),
 }
@@ -28,6 +31,7 @@ impl SceneSource {
     pub(crate) fn len(&self) -> usize {
         match self {
             Self::Tuples(source) => source.lines.len(),
+            Self::Shards(source) => source.lines.len(),
             Self::Photographs(source) => source.lines.len(),
         }
     }
@@ -181,6 +185,9 @@ impl ExampleSampler {
         let source = match &self.scenes {
             SceneSource::Photographs(source) => {
                 return self.base((false, index), || source.read(index).map(Some));
+            }
+            SceneSource::Shards(source) => {
+                return self.base((false, index), || source.read_linear(index).map(Some));
             }
             SceneSource::Tuples(source) => source,
         };

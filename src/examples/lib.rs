@@ -1,7 +1,7 @@
 //! The examples of every training step, as a function of the settings, the seed and the step.
 //!
 //! ```text
-//! source (tuples, photographs, pairs) -> example_sampler (order, crops) -> loader (reads ahead)
+//! source (tuples, photographs, pairs), shards -> example_sampler (order, crops) -> loader (reads ahead)
 //!                                         `-> composing (composed in linear light), mixture (mixed in image space)
 //! ```
 //!
@@ -14,6 +14,7 @@ mod example_sampler;
 mod loader;
 pub mod mixture;
 mod picture;
+mod shards;
 mod source;
 mod srgb_planes;
 mod subject;
@@ -23,6 +24,7 @@ pub use example::{Example, Planes};
 pub use example_sampler::{ExampleSampler, SceneSource};
 pub use loader::Loader;
 pub use picture::Picture;
+pub use shards::ShardSource;
 pub use source::{
     Base, ExampleError, PairSource, PhotographSource, TupleFiles, TupleFilesError, TupleSource,
 };

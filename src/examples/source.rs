@@ -29,6 +29,8 @@ pub enum ExampleError {
         file: String,
         reason: String,
     },
+    #[error("{}: {reason}; export the run again with `glasshouse export RUN --format safetensors`", path.display())]
+    Export { path: PathBuf, reason: String },
     #[error("example {name}: {reason}")]
     Unusable { name: String, reason: String },
     #[error(transparent)]

@@ -44,9 +44,9 @@ impl From<ExampleError> for Unread {
     fn from(error: ExampleError) -> Self {
         match error {
             ExampleError::Store(error) => Self::Fatal(error.0),
-            ExampleError::Damaged { .. } | ExampleError::Unusable { .. } => {
-                Self::Unreadable(error.to_string())
-            }
+            ExampleError::Damaged { .. }
+            | ExampleError::Export { .. }
+            | ExampleError::Unusable { .. } => Self::Unreadable(error.to_string()),
             ExampleError::None(_) | ExampleError::Stopped => Self::Fatal(error.into()),
         }
     }

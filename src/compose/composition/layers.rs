@@ -1,6 +1,7 @@
 //! The linear layers of a tuple in memory, as `tuple.exr` stores them.
 
 use super::Cut;
+use super::stored::StoredLayer;
 use crate::resample::resample;
 use exr::prelude::f16;
 
@@ -13,6 +14,8 @@ pub enum Layer {
     Halves(Vec<f16>),
     /// Values of a tuple with 32-bit floats.
     Floats(Vec<f32>),
+    /// Values in a file that is mapped into memory.
+    Stored(StoredLayer),
 }
 
 impl Layer {
@@ -36,6 +39,7 @@ impl Layer {
         match self {
             Self::Halves(values) => values.len(),
             Self::Floats(values) => values.len(),
+            Self::Stored(values) => values.len(),
         }
     }
 
@@ -47,6 +51,8 @@ impl Layer {
         match self {
             Self::Halves(values) => size_of_val(&values[..]),
             Self::Floats(values) => size_of_val(&values[..]),
+            // The system takes the pages of a file away when others need the memory.
+            Self::Stored(_) => 0,
         }
     }
 
@@ -64,6 +70,7 @@ impl Layer {
                 out.extend(values[start..start + count].iter().map(|half| widened(*half)));
             }
             Self::Floats(values) => out.extend_from_slice(&values[start..start + count]),
+            Self::Stored(values) => values.push_row(start, count, out),
         }
     }
 
@@ -85,7 +92,7 @@ impl Layer {
 }
 
 /// Returns a half as a float. Equals `f16::to_f32` for all numbers, but the compiler can vectorise it.
-fn widened(half: f16) -> f32 {
+pub(super) fn widened(half: f16) -> f32 {
     /// 2^112, the difference of the exponents' biases.
     const BIAS: f32 = f32::from_bits((112 + 127) << 23);
     let bits = u32::from(half.to_bits());

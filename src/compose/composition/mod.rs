@@ -26,6 +26,7 @@ mod noise;
 mod power;
 mod sensor;
 mod settings;
+mod stored;
 
 pub(crate) use code::prepare as prepare_codes;
 pub use code::srgb_code;
@@ -40,6 +41,7 @@ pub use settings::{
     Camera, Composition, CompositionError, Exposure, LogNormal, Mixtures, PercentileExposure,
     Strength,
 };
+pub use stored::{SharedBytes, StoredLayer};
 
 #[cfg(test)]
 mod tests;

@@ -181,7 +181,7 @@ mod tests {
     use super::super::load::load;
     use super::*;
     use crate::line::parse_scene;
-    use std::fs::{self, File};
+    use std::fs::{File, remove_file};
     use std::time::Duration;
 
     fn pfm(kind: &str, value: f32, count: usize) -> Vec<u8> {
@@ -191,7 +191,7 @@ mod tests {
 
     /// Writes a file, with a time of modification of so many seconds.
     fn write(path: &Path, bytes: &[u8], second: u64) {
-        fs::write(path, bytes).unwrap();
+        crate::atomic_file::write(path, bytes).unwrap();
         let time = UNIX_EPOCH + Duration::from_secs(second);
         File::options().write(true).open(path).unwrap().set_modified(time).unwrap();
     }
@@ -244,7 +244,7 @@ mod tests {
         assert_eq!(warm.facts.max_radiance.front, 4.0);
         write(&color, &pfm("PF", 0.75, 12), 2);
         assert_eq!([depth, sketch].map(|front| load_both(front, 8.0)), [6.0, 6.0]);
-        fs::remove_file(&color).unwrap();
+        remove_file(&color).unwrap();
         let gone = loader.load(&line(depth, 8.0), &roots, base);
         assert!(matches!(gone, Err(LoadError::Read { path, .. }) if path == color));
     }
