@@ -113,13 +113,13 @@ class Run(Sequence[Rendered]):
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
             return [self[at] for at in range(*index.indices(len(self)))]
-        return read(self._tuple(self.lines[index]))
+        return _read(self._tuple(self.lines[index]))
 
     def __iter__(self) -> Iterator[Rendered]:
-        return (read(self._tuple(line)) for line in self.lines)
+        return (_read(self._tuple(line)) for line in self.lines)
 
 
-def read(path: PathLike) -> Any:
+def read(path: PathLike) -> Rendered | Run:
     """Reads a tuple (its folder or tuple.json) as `Rendered`, or a run's folder as `Run`.
 
     Raises:
@@ -131,4 +131,8 @@ def read(path: PathLike) -> Any:
         path = path.parent
     if (path / "spec.json").exists():
         return Run(path)
-    return _rendered(_native.read_tuple(path))
+    return _read(path)
+
+
+def _read(folder: Path) -> Rendered:
+    return _rendered(_native.read_tuple(folder))

@@ -10,7 +10,6 @@ use render::shard::{SPEC_SCHEMA, Spec, manifest_digest};
 use render::trace::TRACER_VERSION;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 /// Lines as JSON lines, folders of the named roots, and notes for the user.
 type Planned = (String, BTreeMap<String, PathBuf>, Vec<String>);
@@ -51,7 +50,7 @@ pub(crate) fn plan_lines(
         Ok((to_jsonl(&drafted.lines), folders, notes))
     };
     // A plan has no point at which it can stop: a signal waits for its end.
-    interruptible(py, &pool, &AtomicBool::new(false), work)?.map_err(error)
+    interruptible(py, &pool, &|| {}, work)?.map_err(error)
 }
 
 /// Returns the lines of a planned run, and the folders of its roots; `roots` override them.

@@ -5,7 +5,6 @@ use pyo3::prelude::*;
 use std::any::Any;
 use std::mem;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -42,14 +41,22 @@ impl<T> PerProcess<T> {
         *value = Some((process, Arc::clone(&made)));
         Ok(made)
     }
+
+    /// Forgets the value of this process. The next use makes a new one.
+    pub(crate) fn clear(&self, _: Python<'_>) {
+        let mut value = self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if value.as_ref().is_some_and(|(of, _)| *of == std::process::id()) {
+            *value = None;
+        }
+    }
 }
 
-/// Runs `work` on the threads of `pool` without Python's lock. A signal sets `stop`, and becomes an exception when the work
+/// Runs `work` on the threads of `pool` without Python's lock. A signal calls `stop`, and becomes an exception when the work
 /// has ended. A panic becomes an exception, too.
 pub(crate) fn interruptible<T: Send>(
     py: Python<'_>,
     pool: &rayon::ThreadPool,
-    stop: &AtomicBool,
+    stop: &(dyn Fn() + Sync),
     work: impl FnOnce() -> T + Send,
 ) -> PyResult<T> {
     let (sender, receiver) = bounded(1);
@@ -58,7 +65,7 @@ pub(crate) fn interruptible<T: Send>(
             Ok(result) => return Ok(result),
             Err(RecvTimeoutError::Timeout) => {
                 if let Err(signal) = Python::attach(look) {
-                    stop.store(true, Ordering::Relaxed);
+                    stop();
                     let _ = receiver.recv();
                     return Err(signal);
                 }

@@ -20,8 +20,8 @@ use render::input_file;
 use render::line::{Roots, SceneLine, Split};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// File of an export.
 const EXPORT: &str = "export.json";
@@ -41,8 +41,8 @@ pub(crate) struct Sampler {
 struct Reader {
     pool: rayon::ThreadPool,
     sampler: ExampleSampler,
-    /// Open for ever: nothing stops the sampler.
-    _stop: Sender<()>,
+    /// Closed to stop a sampler that waits for tuples of a farm.
+    open: Mutex<Option<Sender<()>>>,
 }
 
 #[pymethods]
@@ -115,7 +115,13 @@ impl Sampler {
             };
             steps.into_par_iter().map(of_step).collect()
         };
-        let made = interruptible(py, &reader.pool, &stop, work)?.map_err(error)?;
+        let end = || {
+            stop.store(true, Ordering::Relaxed);
+            *reader.open.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        };
+        let made = interruptible(py, &reader.pool, &end, work)
+            .inspect_err(|_| self.reader.clear(py))?
+            .map_err(error)?;
         let made: Vec<Example> = made.into_iter().flatten().collect();
         arrays(py, &made, out)
     }
@@ -149,7 +155,7 @@ impl Sampler {
         Ok(Reader {
             pool: pool(threads).map_err(error)?,
             sampler: sampler.map_err(error)?,
-            _stop: stop,
+            open: Mutex::new(Some(stop)),
         })
     }
 }

@@ -17,10 +17,10 @@ use render::merge::Tuple;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-/// Name, values of all pictures of a batch, and values of one picture.
-type Batch = Vec<(&'static str, Vec<usize>)>;
+/// Names of layers and labels, and the shape of each: channels, rows, columns.
+type Parts = Vec<(&'static str, Vec<usize>)>;
 
 /// Scene lines with the folders of their files.
 #[pyclass(frozen, module = "glasshouse._native")]
@@ -101,7 +101,8 @@ impl Scenes {
         let engine = self.engine(py, threads)?;
         let stop = AtomicBool::new(false);
         let work = || engine.tuple(line, &self.roots, &self.base, &stop);
-        let tuple = interruptible(py, &engine.pool, &stop, work)?.map_err(|e| untraced(py, e))?;
+        let tuple = interruptible(py, &engine.pool, &|| stop.store(true, Relaxed), work)?
+            .map_err(|e| untraced(py, e))?;
         let json = serde_json::to_string(&tuple.record).map_err(error)?;
         let (height, width) = (tuple.height as usize, tuple.width as usize);
         let (layers, labels) = (PyDict::new(py), PyDict::new(py));
@@ -165,7 +166,8 @@ impl Scenes {
             };
             indices.into_par_iter().zip(slots).map(one).collect()
         };
-        let made = interruptible(py, &engine.pool, &stop, work)?.map_err(|e| untraced(py, e))?;
+        let made = interruptible(py, &engine.pool, &|| stop.store(true, Relaxed), work)?
+            .map_err(|e| untraced(py, e))?;
         let bad = made.iter().flat_map(|(_, bad)| bad);
         let bad = bad.map(|bad| (bad.id.to_string(), bad.reason.clone())).collect();
         Ok((arrays, made.into_iter().map(|(index, _)| index).collect(), bad))
@@ -188,15 +190,15 @@ impl Scenes {
     }
 
     /// Returns the names and shapes of what the scenes have, which must be the same for all.
-    fn parts(&self, indices: &[usize]) -> PyResult<Batch> {
-        let of = |line: &SceneLine| -> Batch {
+    fn parts(&self, indices: &[usize]) -> PyResult<Parts> {
+        let of = |line: &SceneLine| -> Parts {
             let (height, width) = (line.film.height as usize, line.film.width as usize);
             let layers = line.film.layers.names().map(|name| (name, vec![3, height, width]));
             let labels = line.film.layers.labels();
             let shape = |label: Label| vec![label.channels().len(), height, width];
             layers.chain(labels.iter().map(|label| (label.name(), shape(label)))).collect()
         };
-        let mut parts: Option<(Batch, &SceneLine)> = None;
+        let mut parts: Option<(Parts, &SceneLine)> = None;
         for &index in indices {
             let line = self.line(index)?;
             let own = of(line);

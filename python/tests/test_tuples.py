@@ -205,7 +205,7 @@ def test_processes_have_the_same_bits(recipe: Path, method: str) -> None:
 def test_ctrl_c_ends_a_batch(recipe: Path) -> None:
     script = (
         "import glasshouse, sys\n"
-        f"t = glasshouse.Tuples({str(recipe)!r}, spp=65536, size=1024, threads=1)\n"
+        f"t = glasshouse.Tuples({str(recipe)!r}, spp=1024, size=2048, threads=1)\n"
         "print('ready', flush=True)\n"
         "t.batch(range(8))\n"
     )
