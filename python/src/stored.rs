@@ -29,8 +29,7 @@ pub(crate) fn read_tuple(
             folder.join(name).display()
         ))
     };
-    let record: TupleRecord =
-        serde_json::from_slice(&json).map_err(|e| damaged("tuple.json", &e))?;
+    let record: TupleRecord = TupleRecord::parse(&json).map_err(|e| damaged("tuple.json", &e))?;
     let exr = read("tuple.exr")?;
     let decoded = py.detach(|| {
         record.check_file("tuple.exr", &exr)?;

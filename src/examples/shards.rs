@@ -46,7 +46,8 @@ impl ShardSource {
     pub fn open(folder: &Path, split: Split) -> Result<Self, ExampleError> {
         let list = folder.join(format!("{split}.jsonl"));
         let text = render::input_file::read_to_string(&list).map_err(|e| damaged(&list, &e))?;
-        let record = |line: &str| serde_json::from_str(line).map_err(|e| damaged(&list, &e));
+        let record =
+            |line: &str| TupleRecord::parse(line.as_bytes()).map_err(|e| damaged(&list, &e));
         let records: Vec<TupleRecord> = text.lines().map(record).collect::<Result<_, _>>()?;
         let mut source = Self {
             lines: records.into_iter().map(|record| record.scene).collect(),

@@ -157,7 +157,7 @@ impl TupleSource {
             return Ok(None);
         }
         let file = tuple_key(&line.id, "tuple.json");
-        serde_json::from_slice(&json).map(Some).map_err(|e| damaged(&file, &e))
+        TupleRecord::parse(&json).map(Some).map_err(|e| damaged(&file, &e))
     }
 
     pub fn is_in_quarantine(&self, index: usize) -> Result<bool, ExampleError> {

@@ -69,6 +69,12 @@ pub struct TupleRecord {
 }
 
 impl TupleRecord {
+    /// Parses the content of `tuple.json`.
+    pub fn parse(json: &[u8]) -> Result<Self, serde_json::Error> {
+        let text = std::str::from_utf8(json).map_err(serde::de::Error::custom)?;
+        serde_json::from_str(text)
+    }
+
     /// Compares the bytes of a file with its digest. Accepts all bytes if the record has no digests
     /// ([`TUPLE_SCHEMA_1`]). An error is a text for the user.
     pub fn check_file(&self, name: &str, bytes: &[u8]) -> Result<(), String> {
