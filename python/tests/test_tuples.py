@@ -204,7 +204,9 @@ def test_processes_have_the_same_bits(recipe: Path, method: str) -> None:
 
 def test_ctrl_c_ends_a_batch(recipe: Path) -> None:
     script = (
-        "import glasshouse, sys\n"
+        "import glasshouse, signal\n"
+        # Shells let their background processes ignore the signal, and Python then installs no handler.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"t = glasshouse.Tuples({str(recipe)!r}, spp=1024, size=2048, threads=1)\n"
         "print('ready', flush=True)\n"
         "t.batch(range(8))\n"
