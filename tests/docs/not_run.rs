@@ -35,7 +35,6 @@ pub(crate) const NOT_RUN: &[(&str, &str)] = &[
     ("~/peers/bin/python …", "needs other renderers and minutes"),
     ("sudo …", "installs packages"),
     ("pip …", "builds and installs the Python package; .ci/run does this and tests it"),
-    ("python …", "needs the Python package; python/tests trains with it"),
     ("benches/peers/run.py …", "needs other renderers and minutes; the documents date its figures"),
     ("benches/peers/train_step.py …", "needs PyTorch and minutes"),
     ("benches/peers/torch_trainer.py …", "needs the Python package, PyTorch and minutes"),
