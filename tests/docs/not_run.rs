@@ -37,8 +37,6 @@ pub(crate) const NOT_RUN: &[(&str, &str)] = &[
     ("pip …", "builds and installs the Python package; .ci/run does this and tests it"),
     ("benches/peers/run.py …", "needs other renderers and minutes; the documents date its figures"),
     ("benches/peers/train_step.py …", "needs PyTorch and minutes"),
-    ("benches/peers/torch_trainer.py …", "needs the Python package, PyTorch and minutes"),
-    ("benches/peers/loaders.py …", "needs the Python package and minutes"),
     ("benches/peers/export_scene.py …", "prepares a scene for other renderers"),
     ("sha256sum …", "needs a file that is not shipped"),
     ("mkdir …", "prepares the fuzzer, which needs a nightly compiler"),
