@@ -17,8 +17,8 @@ FACES = ("mod", "lib", "main")
 
 
 def packages():
-    """Yields library name and source folder of the root package and of the members below src/."""
-    for manifest in [ROOT / "Cargo.toml", *sorted(ROOT.glob("src/*/Cargo.toml"))]:
+    """Yields library name and source folder of the root package and of the members."""
+    for manifest in [ROOT / "Cargo.toml", *sorted(ROOT.glob("src/*/Cargo.toml")), ROOT / "python/Cargo.toml"]:
         toml = tomllib.loads(manifest.read_text())
         library = toml.get("lib", {})
         name = library.get("name", toml["package"]["name"]).replace("-", "_")

@@ -2,7 +2,6 @@
 
 import csv
 import fcntl
-import importlib
 import json
 import os
 import shutil
@@ -17,6 +16,7 @@ from typing import Any, TextIO
 import torch
 from safetensors.torch import load, save
 
+import glasshouse
 from glasshouse.learner import Learner, Losses, Tensors, TrainError
 
 SCHEMA, MODEL, OPTIMIZER = "glasshouse.checkpoint/1", "model.safetensors", "optimizer.safetensors"
@@ -27,20 +27,6 @@ TERMS += ["adversarial", *(f"{layer}_gradient" for layer in LAYERS)]
 COLUMNS = ["step", "total", *TERMS, "discriminator", "validation_psnr_db", "validation_light_ratio", "wall_s"]
 
 
-def of_package(name: str) -> Any:
-    """Returns a function or class of the package's compiled part.
-
-    - `train_settings(run, stage=..., name=...)`: the settings of a recipe's training;
-    - `Examples(run, settings)`: the examples, with `step(k)` and `scenes_blake3`, as in a checkpoint's `origin`;
-    - `initial_weights(settings, stage)`: float32 arrays by parameter, and `features.*` of a random VGG-19;
-    - `blake3(data)`: the hexadecimal digest of bytes.
-    """
-    found = getattr(importlib.import_module("glasshouse"), name, None)
-    if found is None:
-        raise TrainError(f"the package glasshouse lacks {name}: install it with its compiled part")
-    return found
-
-
 @dataclass
 class Checkpoint:
     """A checkpoint with verified digests: the contents of `state.json` and the tensors of the other two files."""
@@ -49,11 +35,6 @@ class Checkpoint:
     state: dict[str, Any]
     model: Tensors
     moments: Tensors
-
-
-def digest(data: bytes) -> str:
-    """Returns the hexadecimal BLAKE3 of bytes."""
-    return str(of_package("blake3")(data))
 
 
 def steps_of(folder: Path) -> list[int]:
@@ -77,7 +58,7 @@ def read_checkpoint(path: Path) -> Checkpoint:
     tensors = []
     for name in (MODEL, OPTIMIZER):
         data = (path / name).read_bytes()
-        if state["files"].get(name) != digest(data):
+        if state["files"].get(name) != glasshouse.blake3(data):
             raise ValueError(f"{name} does not match its digest")
         tensors.append({key: tensor.float() for key, tensor in load(data).items()})
     return Checkpoint(path, state, *tensors)
@@ -127,7 +108,7 @@ def write_checkpoint(folder: Path, learner: Learner, state: dict[str, Any]) -> P
         "settings": learner.settings,
         "code_path": code_path(learner),
         "validation_psnr_db": None,
-        "files": {name: digest(data) for name, data in files.items()},
+        "files": {name: glasshouse.blake3(data) for name, data in files.items()},
     }
     files["state.json"] = (json.dumps(state, indent=2, allow_nan=False) + "\n").encode()
     path = path_of(folder, learner.steps)

@@ -43,7 +43,9 @@ def initial_weights(settings: Mapping[str, Any], stage: str) -> dict[str, Array]
 
     """
     if not hasattr(_native, "initial_weights"):
-        raise _native.GlasshouseError("this package was built with --no-default-features: install it without them")
+        raise _native.GlasshouseError(
+            "this package was built with --no-default-features: install it with its default features"
+        )
     return _native.initial_weights(json.dumps(dict(settings)), stage)
 
 
@@ -121,7 +123,7 @@ class Mixtures(Sequence[dict[str, Any]]):
         seed: Seed of all numbers.
         size: Side of the examples, px; by default that of the settings. The tuples must be as large.
         label: "code" for target_r = the code of b R~_j after the same decisions, clipped at 0; "difference" for `input
-            - target_t`, as XReflection, ERRNet, DSRNet and RDNet compute it.
+            - target_t`, as XReflection and RDNet compute it.
         name: Training of the recipe whose settings are used; by default the first, or else the default settings.
         settings: Settings in place of the training's, as in `[train.settings]`, such as `{"composition": {...}}`.
         length: Number of examples; by default one epoch.

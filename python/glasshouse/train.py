@@ -26,14 +26,13 @@ import torch.distributed as dist
 from safetensors.torch import load
 from torch import Tensor
 
+import glasshouse
 from glasshouse.checkpoints import (
     MODEL,
     Metrics,
     code_path,
-    digest,
     locked,
     newest,
-    of_package,
     write_checkpoint,
 )
 from glasshouse.learner import Learner, Settings, Tensors, TrainError, checked
@@ -47,6 +46,11 @@ OF_NETWORKS = ("features", "feature_style", "network", "vgg_divisor", "width", "
 
 class ExampleSource(Protocol):
     """The examples of a training."""
+
+    @property
+    def scenes_blake3(self) -> str:
+        """The digest of the scenes' lines."""
+        ...
 
     def step(self, step: int, /) -> Mapping[str, Any]:
         """Returns the float32 arrays (batch, 3, rows, columns) of a step, counted from 0: sRGB codes from 0 to 1.
@@ -77,7 +81,7 @@ def begin(run: Path, training: Path, stage: str, steps: int, name: str | None, f
     Raises TrainError if a setting is not supported, or if weights of VGG-19 or of BT-net are missing or others.
     """
     own = newest(training / stage, 0)
-    settings = checked(own.state["settings"] if own else of_package("train_settings")(run, stage=stage, name=name))
+    settings = checked(own.state["settings"] if own else glasshouse.train_settings(run, stage=stage, name=name))
     if settings["schedule"] == "cosine":
         settings["schedule_steps"] = end = settings["schedule_steps"] or steps
         if steps > end:
@@ -87,9 +91,9 @@ def begin(run: Path, training: Path, stage: str, steps: int, name: str | None, f
         if features is None:
             raise TrainError("these networks use features of a VGG-19 from a file: name it with --features FILE", 4)
         data = features.read_bytes()
-        vgg, vgg_blake3 = load(data), digest(data)
+        vgg, vgg_blake3 = load(data), glasshouse.blake3(data)
     is_random = settings["features"] == "random"
-    initial = of_package("initial_weights")(settings, stage) if own is None or is_random else {}
+    initial: Mapping[str, Any] = glasshouse.initial_weights(settings, stage) if own is None or is_random else {}
     if is_random:
         vgg = {key: torch.as_tensor(value) for key, value in initial.items() if key.startswith("features.")}
     has_before = own is None and stage == "separation" and settings["network"] == "generator"
@@ -169,12 +173,11 @@ def train(
     training = run / "train" / name if name else run / "train"
     with locked(training / stage) if is_first() else unlocked():
         begun = from_first(lambda: begin(run, training, stage, steps, name, features))
-        source = (examples or of_package("Examples"))(run, begun.settings)
+        source = (examples or glasshouse.Examples)(run, begun.settings)
         origin = begun.state["origin"]
-        scenes = getattr(source, "scenes_blake3", origin["scenes_blake3"])
-        if scenes is None or origin["scenes_blake3"] not in (None, scenes):
-            raise TrainError("the run's train scenes are not those of the checkpoint, or are not known", 5)
-        origin["scenes_blake3"] = scenes
+        if origin["scenes_blake3"] not in (None, source.scenes_blake3):
+            raise TrainError("the run's train scenes are not those of the checkpoint", 5)
+        origin["scenes_blake3"] = source.scenes_blake3
         place = torch.device(f"cuda:{os.environ.get('LOCAL_RANK', '0')}" if device == "cuda" else device)
         learner = Learner(begun.settings, stage, begun.vgg, place, precision)
         learner.load(begun.model, begun.moments)

@@ -47,7 +47,8 @@ struct Reader {
 
 #[pymethods]
 impl Sampler {
-    /// Opens the folder of a run, or of an export in the format of safetensors. `settings` is the JSON of a training's settings; examples are those of the split's scenes.
+    /// Opens the folder of a run, or of an export in the format of safetensors. `settings` is the JSON of a training's
+    /// settings; examples are those of the split's scenes.
     #[new]
     fn new(
         run: PathBuf,

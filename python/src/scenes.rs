@@ -90,7 +90,9 @@ impl Scenes {
         (0..self.lines.len()).filter(is_in).collect()
     }
 
-    /// Renders one scene on `threads` threads, which the first call of a process starts. Returns its layers, (H,W,3), its labels, (H,W) or (H,W,3), and its record as JSON.
+    /// Renders one scene on `threads` threads, which the first call of a process starts.
+    ///
+    /// Returns its layers, (H,W,3), its labels, (H,W) or (H,W,3), and its record as JSON.
     fn render<'py>(
         &self,
         py: Python<'py>,
@@ -141,18 +143,18 @@ impl Scenes {
         let arrays = PyDict::new(py);
         let mut views = Vec::with_capacity(parts.len());
         for (name, shape) in &parts {
-            let (shape, count) = (batched(shape, indices.len()), indices.len());
+            let shape = [&[indices.len()], &shape[..]].concat();
             let values = match out {
                 Some(out) => given(out, name, &shape)?,
                 None => array(py, vec![0.0; shape.iter().product()], &shape)?,
             };
             arrays.set_item(name, &values)?;
-            views.push((count, values.readwrite()));
+            views.push(values.readwrite());
         }
         let mut slots: Vec<Vec<&mut [f32]>> = indices.iter().map(|_| Vec::new()).collect();
-        for (count, values) in &mut views {
+        for values in &mut views {
             let values = values.as_slice_mut().map_err(error)?;
-            let picture = values.len() / *count.max(&mut 1);
+            let picture = values.len() / indices.len();
             for (slot, part) in slots.iter_mut().zip(values.chunks_exact_mut(picture.max(1))) {
                 slot.push(part);
             }
@@ -243,10 +245,6 @@ fn untraced(py: Python<'_>, reason: Untraced) -> PyErr {
         Untraced::Bad(scene) => scene.to_error(py),
         Untraced::Stopped => PyKeyboardInterrupt::new_err(()),
     }
-}
-
-fn batched(shape: &[usize], count: usize) -> Vec<usize> {
-    [&[count], shape].concat()
 }
 
 /// Writes the parts of a tuple into their places. A replacement must have the same.

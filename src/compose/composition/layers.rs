@@ -1,7 +1,7 @@
 //! The linear layers of a tuple in memory, as `tuple.exr` stores them.
 
 use super::Cut;
-use super::stored::StoredLayer;
+use super::stored::{StoredLayer, widened};
 use crate::resample::resample;
 use exr::prelude::f16;
 
@@ -89,15 +89,6 @@ impl Layer {
         }
         out
     }
-}
-
-/// Returns a half as a float. Equals `f16::to_f32` for all numbers, but the compiler can vectorise it.
-pub(super) fn widened(half: f16) -> f32 {
-    /// 2^112, the difference of the exponents' biases.
-    const BIAS: f32 = f32::from_bits((112 + 127) << 23);
-    let bits = u32::from(half.to_bits());
-    let magnitude = f32::from_bits((bits & 0x7fff) << 13) * BIAS;
-    f32::from_bits(magnitude.to_bits() | (bits & 0x8000) << 16)
 }
 
 /// The linear layers of a tuple.
