@@ -273,8 +273,17 @@ def main() -> int:
     parser.add_argument("--compile", action="store_true", help="compile the networks with torch.compile")
     parser.add_argument("--features", type=Path, help="file of VGG-19's weights (.safetensors), if settings need it")
     parser.add_argument("--checkpoint-every", type=int, help="steps between checkpoints [a twentieth, 10 to 1000]")
+    parser.add_argument("--memory-gb", type=float, default=2.0, help="memory for the run's tuples, in each process [2]")
+    parser.add_argument(
+        "--export", type=Path, help="the run's export in the format of safetensors, for composed examples: it is mapped"
+        " into memory, which all processes share, in place of the run's tuples"
+    )
     options = parser.parse_args()
     stop, caught = threading.Event(), list[int]()
+
+    def examples(run: Path, settings: Settings) -> ExampleSource:
+        memory_mb = int(options.memory_gb * 1000)
+        return glasshouse.Examples(options.export or run, settings, memory_mb=memory_mb)
 
     def catch(number: int, _frame: object) -> None:
         caught.append(number)
@@ -298,6 +307,7 @@ def main() -> int:
             features=options.features,
             checkpoint_every=options.checkpoint_every,
             stop=stop,
+            examples=examples,
         )
     except TrainError as error:
         print(f"error: {error}", file=sys.stderr)

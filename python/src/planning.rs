@@ -32,6 +32,7 @@ pub(crate) fn plan_lines(
             roots: &given,
             inputs: &LocalFiles,
             run: &inputs,
+            begin_writing: Some(&|| Ok(())),
             left_out: BTreeSet::new(),
             is_planned: false,
             keeps_absolute: false,

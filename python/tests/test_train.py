@@ -322,6 +322,20 @@ def test_interrupted_trainings_have_the_same_bits(lesson: Path, tmp_path: Path, 
     assert [line.split(",")[0] for line in metrics.read_text().splitlines()[1:]] == [str(k + 1) for k in range(steps)]
 
 
+def test_a_training_from_an_export_has_the_same_bits(lesson: Path, tmp_path: Path) -> None:
+    """A training may read the run's tuples or those of its export, also in turns."""
+    run, stage, _ = begun(lesson, tmp_path, "composed", 1)
+    rust("export", run, "--format", "safetensors", "--out", tmp_path / "export", "-q")
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    for folder, source in ((run, []), (copy, ["--export", str(tmp_path / "export")])):
+        more = ["--stage", stage, "--steps", "3", "--memory-gb", "0.5", *source]
+        subprocess.run([sys.executable, *MODULE, str(folder), *more], check=True, env=environment)
+    assert newest(run, stage).state == newest(copy, stage).state
+    assert train(run, stage, 4) == 4
+
+
 def test_a_stop_flag_and_a_busy_folder(lesson: Path, tmp_path: Path) -> None:
     """A set flag ends training at once; a second trainer of the folder is refused."""
     run, stage, _ = begun(lesson, tmp_path, "unet", 2)

@@ -86,7 +86,7 @@ impl Content {
                 to_make: Vec::new(),
             });
         };
-        let bytes = ProceduralBytes::new(request.run, to_make);
+        let bytes = ProceduralBytes::new(request, to_make);
         let mut folders = Roots::default();
         for (name, folder) in &self.roots {
             folders.insert(name, request.run.join(folder))?;
@@ -123,8 +123,9 @@ impl Content {
         }
         let used: BTreeSet<&str> =
             lines.iter().flat_map(SceneLine::paths).map(|(_, path)| path).collect();
-        let is_used = |one: &&ProceduralInput| used.contains(one.name().as_str());
-        let to_make = to_make.iter().filter(is_used).cloned().collect();
+        let is_used = |one: &ProceduralInput| used.contains(one.name().as_str());
+        bytes.remove_unless(is_used);
+        let to_make = to_make.iter().filter(|one| is_used(one)).cloned().collect();
         Ok(Draft { lines, notes, rejected, to_make })
     }
 

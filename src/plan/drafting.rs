@@ -36,7 +36,8 @@ pub struct Drafted {
     pub to_make: Vec<ProceduralInput>,
 }
 
-/// Drafts the scenes of `source`, a recipe (`.toml`) or a manifest (`.jsonl`). Writes nothing.
+/// Drafts the scenes of `source`, a recipe (`.toml`) or a manifest (`.jsonl`). Writes nothing, except for the procedural
+/// pictures of previews if the request allows it.
 pub fn draft(
     source: &Path,
     request: &Request,

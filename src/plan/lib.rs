@@ -92,7 +92,7 @@ pub use procedural_inputs::{ProceduralInput, make_inputs};
 pub use recipe::{RECIPE_SCHEMA, Recipe};
 pub use recipe_error::{CoverError, RecipeError, RefusedDraw};
 pub use recipe_schema::recipe_schema;
-pub use request::{DraftError, Progress, Request};
+pub use request::{BeginWriting, DraftError, Progress, Request};
 pub use sensor::SensorRecipe;
 pub use sensor_file::SensorFile;
 pub use sensor_model::{NoiseModel, SensorModel, SensorModels, sensor_models};

@@ -2,6 +2,7 @@
 
 use super::draw::keyed;
 use super::recipe::Recipe;
+use super::request::Request;
 use procedural::{CoverKind, SampleError, SamplePhotograph};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use render::atomic_file;
@@ -144,8 +145,9 @@ fn inputs_folder(run: &Path, source: &str) -> PathBuf {
     run.join("inputs").join(source)
 }
 
-/// Writes the pictures that are missing from the run's folder, durably. `on_picture` receives the number of pictures
-/// that this call has written so far, and the number that were missing at its start.
+/// Writes the pictures that are missing from the run's folder, and makes all of them durable, also those that previews
+/// wrote. `on_picture` receives the number of pictures that this call has written so far, and the number that were missing
+/// at its start.
 pub fn make_inputs(
     run: &Path,
     all: &[ProceduralInput],
@@ -153,11 +155,10 @@ pub fn make_inputs(
     on_picture: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<(), SampleError> {
     let missing: Vec<_> = all.iter().filter(|made| !made.is_written(run)).collect();
-    if missing.is_empty() {
-        return Ok(());
-    }
     let done = AtomicUsize::new(0);
-    on_picture(0, missing.len());
+    if !missing.is_empty() {
+        on_picture(0, missing.len());
+    }
     let make = || -> Result<(), SampleError> {
         missing.par_iter().try_for_each(|made| {
             made.write(run)?;
@@ -171,27 +172,34 @@ pub fn make_inputs(
         // If the system cannot start threads, the caller's pool does the work.
         Err(_) => make()?,
     }
-    let paths = missing.iter().flat_map(|made| made.paths(run));
+    let paths = all.iter().flat_map(|made| made.paths(run));
     Ok(atomic_file::sync_names(paths)?)
 }
 
 /// Files of procedural pictures. Makes a picture once, at the first read of a file that is not on disk.
 pub(super) struct ProceduralBytes<'a> {
-    pictures: Vec<(&'a ProceduralInput, OnceLock<Option<FileBytes>>)>,
+    request: &'a Request<'a>,
+    pictures: Vec<(&'a ProceduralInput, OnceLock<Made>)>,
     /// Index of the picture and of its file, by path.
     places: BTreeMap<PathBuf, (usize, usize)>,
 }
 
+/// A picture that previews have made. Errors are texts, because several previews read them.
+enum Made {
+    Written(Result<(), String>),
+    InMemory(Result<FileBytes, String>),
+}
+
 impl<'a> ProceduralBytes<'a> {
-    pub(super) fn new(run: &Path, all: &'a [ProceduralInput]) -> Self {
+    pub(super) fn new(request: &'a Request<'a>, all: &'a [ProceduralInput]) -> Self {
         let (mut pictures, mut places) = (Vec::new(), BTreeMap::new());
         for one in all {
-            for (kind, file) in one.paths(run).into_iter().enumerate() {
+            for (kind, file) in one.paths(request.run).into_iter().enumerate() {
                 places.insert(file, (pictures.len(), kind));
             }
             pictures.push((one, OnceLock::new()));
         }
-        Self { pictures, places }
+        Self { request, pictures, places }
     }
 
     /// Reads a file. Returns `None` if the path belongs to no procedural picture.
@@ -201,9 +209,31 @@ impl<'a> ProceduralBytes<'a> {
             return Some(render::input_file::read(path));
         }
         let (one, made) = &self.pictures[index];
-        Some(match made.get_or_init(|| one.encode().ok()) {
-            Some(files) => Ok(files[kind].clone()),
-            None => Err(io::Error::other("the picture cannot be encoded")),
-        })
+        let bytes = match made.get_or_init(|| self.make(one)) {
+            Made::Written(Ok(())) => return Some(render::input_file::read(path)),
+            Made::InMemory(Ok(files)) => Ok(files[kind].clone()),
+            Made::Written(Err(text)) | Made::InMemory(Err(text)) => Err(io::Error::other(text.clone())),
+        };
+        Some(bytes)
+    }
+
+    /// Removes the pictures that were written for draws which the plan does not keep.
+    pub(super) fn remove_unless(&self, is_used: impl Fn(&ProceduralInput) -> bool) {
+        for (one, made) in &self.pictures {
+            if matches!(made.get(), Some(Made::Written(Ok(())))) && !is_used(one) {
+                for path in one.paths(self.request.run) {
+                    // A file that stays costs its space, and nothing reads it.
+                    let _ = std::fs::remove_file(path);
+                }
+            }
+        }
+    }
+
+    fn make(&self, one: &ProceduralInput) -> Made {
+        let Some(begin) = self.request.begin_writing else {
+            return Made::InMemory(one.encode().map_err(|error| error.to_string()));
+        };
+        let begun = begin().map_err(|error| error.to_string());
+        Made::Written(begun.and_then(|()| one.write(self.request.run).map_err(|e| e.to_string())))
     }
 }

@@ -6,6 +6,7 @@ use super::inputs::{InputFiles, StoreUnavailable};
 use super::recipe_error::RecipeError;
 use render::line::{ManifestError, RootError, Roots};
 use std::collections::BTreeSet;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Inputs and options of [`crate::draft`].
@@ -16,6 +17,9 @@ pub struct Request<'a> {
     pub inputs: &'a dyn InputFiles,
     /// The run's folder, which gets the procedural photographs.
     pub run: &'a Path,
+    /// Called before previews write procedural pictures into the run's folder, which the plan keeps. Without it, previews
+    /// write nothing, and hold these pictures in memory.
+    pub begin_writing: Option<&'a BeginWriting<'a>>,
     /// Names of photographs (for a manifest: ids of scenes) that the plan leaves out from the start.
     pub left_out: BTreeSet<String>,
     /// True if the run exists; its plan then stays unchanged, even if files cannot be used.
@@ -30,13 +34,16 @@ pub struct Request<'a> {
     pub threads: usize,
 }
 
+/// A function that prepares the run's folder for writing. Later calls do nothing.
+pub type BeginWriting<'a> = dyn Fn() -> io::Result<()> + Sync + 'a;
+
 /// A function that receives progress: (step, done, all).
 pub type Progress<'a> = dyn Fn(&'static str, usize, usize) + Sync + 'a;
 
 #[derive(Debug, thiserror::Error)]
 pub enum DraftError {
     #[error("cannot read {}: {source}; check the path", path.display())]
-    Read { path: PathBuf, source: std::io::Error },
+    Read { path: PathBuf, source: io::Error },
     #[error("{} is neither a recipe (.toml) nor a manifest (.jsonl)", path.display())]
     Kind { path: PathBuf },
     #[error("{}: {source}", path.display())]

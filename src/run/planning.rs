@@ -10,13 +10,16 @@ use plan::{
 };
 use procedural::SampleError;
 use render::atomic_file::{self, WriteError, is_temporary};
+use render::folder_lock::FolderLock;
 use render::line::{Roots, SceneLine, to_jsonl};
 use render::shard::{
     SPEC_SCHEMA, ShardLayout, Spec, SpecMismatch, TooManyShards, choose_tile_px, golden,
     manifest_digest,
 };
 use render::trace::{Isa, TRACER_VERSION};
+use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 pub(crate) struct PlanOptions<'a> {
     /// Roots from `--root NAME=DIR`.
@@ -112,10 +115,16 @@ pub(crate) fn plan_run(
     };
     // A run continues to leave out the same inputs, even if their files are usable now.
     let left_out = existing.iter().flat_map(|run| run.spec.left_out.clone());
+    let begun = OnceLock::new();
+    let begin_writing = || match begun.get_or_init(|| begin(source, out)) {
+        Ok(_) => Ok(()),
+        Err(error) => Err(io::Error::other(error.to_string())),
+    };
     let request = Request {
         roots: options.roots,
         inputs: options.inputs,
         run: out,
+        begin_writing: (existing.is_none() && !options.dry_run).then_some(&begin_writing),
         left_out: left_out.collect(),
         is_planned: existing.is_some(),
         keeps_absolute: existing.iter().flat_map(|run| &run.lines).any(has_absolute_paths),
@@ -123,7 +132,12 @@ pub(crate) fn plan_run(
         skip_invalid: options.skip_invalid,
         threads: options.threads,
     };
-    let drafted = draft(source, &request, on_progress)?;
+    let drafted = draft(source, &request, on_progress);
+    let mut begun = begun.into_inner();
+    if let Some(Err(error)) = begun.take_if(|begun| begun.is_err()) {
+        return Err(error);
+    }
+    let drafted = drafted?;
     let manifest = to_jsonl(&drafted.lines);
     let tile_px = options
         .tile_px
@@ -147,22 +161,16 @@ pub(crate) fn plan_run(
             return Err(SpecMismatch { run: out.to_owned(), diff }.into());
         }
     }
-    if existing.is_none() {
+    if existing.is_none() && begun.is_none() {
         check_folder(source, out)?;
     }
     let is_whole = existing.is_some() && drafted.to_make.iter().all(|made| made.is_written(out));
     if !options.dry_run && !is_whole {
-        atomic_file::create_dir(out)?;
-        let lock = lock(out)?;
-        if existing.is_none() && out.join(keys::SPEC).exists() {
-            // Another process planned the run since the check above; its plan may be of another recipe.
-            return Err(RunError::Busy { root: out.to_owned() }.into());
-        }
-        if existing.is_none() {
-            // Depth 5 covers the input folders of DIODE: source / train / indoors / scene / scan.
-            atomic_file::sweep(out, 0, &is_temporary);
-            atomic_file::sweep(&out.join(keys::INPUTS), 5, &is_temporary);
-        }
+        let lock = match begun {
+            Some(begun) => begun?,
+            None if existing.is_some() => lock(out)?,
+            None => begin(source, out)?,
+        };
         let on_picture = |done, all| on_progress("pictures", done, all);
         make_inputs(out, &drafted.to_make, options.threads, &on_picture)?;
         if existing.is_none() {
@@ -181,6 +189,21 @@ pub(crate) fn plan_run(
 
 fn has_absolute_paths(line: &SceneLine) -> bool {
     line.paths().into_iter().any(|(_, path)| Path::new(path).is_absolute())
+}
+
+/// Locks the folder of a new run, makes it if it is missing, and removes what a killed planning left unfinished.
+fn begin(source: &Path, out: &Path) -> Result<FolderLock, PlanError> {
+    check_folder(source, out)?;
+    atomic_file::create_dir(out)?;
+    let lock = lock(out)?;
+    if out.join(keys::SPEC).exists() {
+        // Another process planned the run since it was opened; its plan may be of another recipe.
+        return Err(RunError::Busy { root: out.to_owned() }.into());
+    }
+    // Depth 5 covers the input folders of DIODE: source / train / indoors / scene / scan.
+    atomic_file::sweep(out, 0, &is_temporary);
+    atomic_file::sweep(&out.join(keys::INPUTS), 5, &is_temporary);
+    Ok(lock)
 }
 
 /// Refuses a folder without a run if planning would overwrite the source or, unless an earlier planning was killed

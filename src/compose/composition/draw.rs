@@ -111,6 +111,7 @@ impl Draw {
             _ if is_none => DrawnStrength::Ratio(0.0),
             Strength::OfTuple => DrawnStrength::OfTuple,
             Strength::LogNormal(strength) => DrawnStrength::Ratio(strength.draw(stream)),
+            Strength::Quantiles(values) => DrawnStrength::Ratio(quantile(values, stream.unit())),
         };
         // The stream's numbers above are those of earlier versions.
         let zhang = DrawnZhang {
@@ -196,6 +197,13 @@ impl LogNormal {
             }
         }
     }
+}
+
+/// Returns the value of a probability from 0 to 1, given two or more values at evenly spaced probabilities.
+fn quantile(values: &[f64], probability: f64) -> f64 {
+    let place = probability * (values.len() - 1) as f64;
+    let first = (place as usize).min(values.len() - 2);
+    within([values[first], values[first + 1]], place - first as f64)
 }
 
 /// Returns the number at a place, from 0 to 1, of a range.
@@ -302,6 +310,23 @@ mod tests {
             range[0]
         };
         assert_distribution(strengths, quantile, "strength");
+    }
+
+    #[test]
+    fn strengths_have_the_given_quantiles() {
+        let strength = Strength::Quantiles(vec![0.02, 0.1, 0.4, 1.2]);
+        let settings = Composition { strength, none_share: 0.0, ..Composition::default() };
+        let ratio = |d: &Draw| match d.strength {
+            DrawnStrength::Ratio(ratio) => ratio,
+            DrawnStrength::OfTuple => f64::NAN,
+        };
+        let expected = |p: f64| match 3.0 * p {
+            p if p < 1.0 => 0.02 + 0.08 * p,
+            p if p < 2.0 => 0.1 + 0.3 * (p - 1.0),
+            p => 0.4 + 0.8 * (p - 2.0),
+        };
+        assert_distribution(draws(&settings).iter().map(ratio).collect(), expected, "strength");
+        assert_eq!((quantile(&[0.5, 2.0], 0.0), quantile(&[0.5, 2.0], 1.0)), (0.5, 2.0));
     }
 
     #[test]

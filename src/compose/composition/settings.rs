@@ -44,6 +44,8 @@ pub enum Strength {
     OfTuple,
     /// A log-normal distribution; values outside its range are drawn again.
     LogNormal(LogNormal),
+    /// A distribution by its quantiles: rising values at evenly spaced probabilities from 0 to 1, linear between them.
+    Quantiles(Vec<f64>),
 }
 
 /// A log-normal distribution, cut to a range.
@@ -244,9 +246,7 @@ impl Composition {
             [1.0, 100.0],
             "a rising range from 1 to 100",
         )?;
-        if let Strength::LogNormal(strength) = &self.strength {
-            strength.validate()?;
-        }
+        self.strength.validate()?;
         if let Exposure::Percentile(exposure) = &self.exposure {
             let percentile = "a rising range from 0 to 100";
             check(
@@ -260,6 +260,26 @@ impl Composition {
             check("composition.exposure.front_mean", exposure.front_mean, [1e-3, 100.0], light)?;
         }
         Ok(())
+    }
+}
+
+impl Strength {
+    fn validate(&self) -> Result<(), CompositionError> {
+        match self {
+            Self::OfTuple => Ok(()),
+            Self::LogNormal(strength) => strength.validate(),
+            Self::Quantiles(values) => {
+                let is_usable = values.len() >= 2
+                    && values.iter().all(|value| (0.0..=1e6).contains(value))
+                    && values.is_sorted();
+                let error = || CompositionError {
+                    name: "composition.strength.quantiles",
+                    value: format!("{values:?}"),
+                    expected: "two or more rising numbers from 0 to 1e6",
+                };
+                is_usable.then_some(()).ok_or_else(error)
+            }
+        }
     }
 }
 
@@ -339,6 +359,12 @@ mod tests {
         let settings = Composition { strength, ..Composition::default() };
         let text = settings.validate().unwrap_err().to_string();
         assert!(text.contains("a hundredth of the distribution"), "{text}");
+        for values in [vec![], vec![0.4], vec![0.4, 0.3], vec![-0.1, 0.3], vec![0.1, f64::NAN]] {
+            let strength = Strength::Quantiles(values);
+            let settings = Composition { strength, ..Composition::default() };
+            let text = settings.validate().unwrap_err().to_string();
+            assert!(text.contains("but must be two or more rising numbers"), "{text}");
+        }
     }
 
     #[test]

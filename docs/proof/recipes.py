@@ -1,0 +1,163 @@
+#!/usr/bin/env python3
+"""Writes the recipes of docs/proof.md: manifests/windows.toml and variants of it, with the trainings of each.
+
+    glasshouse sample FOLDER/photos --count 2223 --seed 2026 --width 480 --height 360
+    docs/proof/recipes.py FOLDER [--natural DIR]
+
+All recipes read the same photographs, and have the exposures and limits of windows.toml; only the tables named below
+differ. `--natural DIR` adds the research recipe, whose photographs are those of a folder. Python 3.11 or newer.
+"""
+
+import argparse
+import json
+import tomllib
+from pathlib import Path
+
+MANIFESTS = Path(__file__).resolve().parents[2] / "manifests"
+
+# Nine tenths of the photographs are the train split's.
+TUPLES = 2000
+
+# Means of R~ over means of F = I - R~ of the train tuples of windows.toml, at the probabilities 0, 0.05, ..., 1.
+STRENGTHS = json.loads((Path(__file__).parent / "strengths.json").read_text())
+
+# The settings of manifests/learn.toml but for width, batch and strengths.
+SETTINGS = {
+    "network": "unet",
+    "start": "residual",
+    "bound": 1.0,
+    "a_priori": False,
+    "width": 24,
+    "examples": "composed",
+    "batch": 16,
+    "crop_px": 128,
+    "gradient_weight": 1.0,
+    "adversarial_weight": 0,
+    "optimizer": "adamw",
+    "learning_rate": 2e-3,
+    "betas": [0.9, 0.99],
+    "weight_decay": 1e-4,
+    "warmup_steps": 50,
+    "clip_norm": 1.0,
+    "ema": 0.998,
+    "composition": {"strength": {"quantiles": STRENGTHS}},
+}
+
+
+def training(name, seeds, count, **settings):
+    """Returns a training with a number of examples."""
+    chosen = {**SETTINGS, **settings}
+    steps = count // chosen["batch"]
+    return {"name": name, "seeds": seeds, "separation_steps": steps, "checkpoint_every": steps, "settings": chosen}
+
+
+def deciding():
+    """Returns the two rows that decide: 200,000 examples, three seeds."""
+    rows = {"composed": "composed", "linear": "linear_mixtures"}
+    return [training(name, [1, 2, 3], 200_000, examples=kind) for name, kind in rows.items()]
+
+
+def ablated(name, **settings):
+    """Returns an ablation: 40,000 examples, two seeds, 16 channels."""
+    return training(name, [1, 2], 40_000, **{"width": 16, "batch": 8, **settings})
+
+
+def without_pane():
+    """Returns the ablations that need no other tuples than those of windows.toml."""
+    composition = SETTINGS["composition"]
+    off = {**composition, "camera": {"enabled": False}}
+    undimmed = {**composition, "mixture": {"transmitted": [1, 1]}}
+    return [
+        ablated("small-composed"),
+        ablated("small-linear", examples="linear_mixtures"),
+        ablated("small-no-camera", composition=off),
+        ablated("small-zhang", examples="zhang_mixtures", composition=undimmed),
+    ]
+
+
+def a_priori(is_on):
+    """Returns the paper's networks with or without the gradients of the a priori loss."""
+    settings = {"network": "generator", "bound": 0.0, "a_priori": is_on, "start": "residual", "width": 16, "batch": 8}
+    settings |= {"crop_px": 64, "learning_rate": 1e-3, "composition": SETTINGS["composition"]}
+    made = ablated("prior" if is_on else "no-prior", **settings)
+    return {**made, "backtrack_steps": 2500}
+
+
+def sets(windows, paper, wild):
+    """Yields the name of each set of tuples and its recipe."""
+    yield "windows", windows | {"train": [*deciding(), *without_pane(), a_priori(True), a_priori(False)]}
+    others = {
+        "paper": {**windows, "camera": paper["camera"], "glass": paper["glass"], "cover": None},
+        "wild": {**windows, **{key: wild[key] for key in ("camera", "glass", "front", "back")}, "cover": None},
+        "no-cover": {**windows, "cover": None},
+        "no-roughness": {**windows, "glass": less(windows["glass"], "roughness", "smudges")},
+        "no-glazing": {**windows, "glass": windows["glass"] | {"glazing": {"choice": ["single-4", "single-6"]}}},
+        "no-bends": {**windows, "glass": less(windows["glass"], "wave", "wedge_deg")},
+    }
+    for name, recipe in others.items():
+        yield name, {key: value for key, value in recipe.items() if value is not None} | {"train": [ablated(name)]}
+
+
+def tests(windows):
+    """Yields rendered test sets: other photographs, 256 samples per pixel, and kinds in which rendering may help."""
+    film = windows["film"] | {"spp": 256}
+    splits = [{"name": "train", "pairs": {"photos": 2}}, {"name": "test", "pairs": {"photos": 60}}]
+    base = {**windows, "film": film, "split": splits}
+    tilted = {"tilt_deg": [0, {"choice": [-30, -20, 20, 30]}], "distance_m": {"log_uniform": [0.1, 0.6]}}
+    sharp = {**windows["camera"], "f_number": {"log_uniform": [8, 16]}}
+    wide = {**windows["camera"], "f_number": {"log_uniform": [1.8, 2.8]}, "focus": "front_center"}
+    plain = less(base, "cover")
+    single = less(windows["glass"], "glazing", "roughness", "smudges", "wave", "wedge_deg")
+    yield "test-windows", base
+    ghosts = {**single, **tilted, "thickness_m": {"uniform": [0.012, 0.03]}, "ior": 1.52}
+    yield "test-ghosts", plain | {"camera": sharp, "glass": ghosts}
+    doubles = {**single, **tilted, "glazing": {"choice": ["double-4-16-4", "double-4-12-4"]}}
+    yield "test-double", plain | {"camera": sharp, "glass": doubles}
+    yield "test-near", base | {"camera": wide, "cover": {"pictures": 24, "photographer": 1}}
+    yield "test-edges", base | {"cover": {"pictures": 24, "frame": 1}}
+
+
+def less(table, *keys):
+    """Returns a table without some keys."""
+    return {key: value for key, value in table.items() if key not in keys}
+
+
+def toml(value):
+    """Returns a value in TOML."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{json.dumps(key)} = {toml(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(toml(item) for item in value) + "]"
+    return json.dumps(value)
+
+
+def write(folder, name, recipe):
+    lists = {key: recipe[key] for key in ("split", "train") if key in recipe}
+    lines = [f"{key} = {toml(value)}" for key, value in less(recipe, "name", *lists).items()]
+    lines.insert(1, f"name = {toml(name)}")
+    for key, tables in lists.items():
+        for table in tables:
+            lines += [f"[[{key}]]", *(f"{inner} = {toml(value)}" for inner, value in table.items())]
+    (folder / f"{name}.toml").write_text("\n".join(lines) + "\n")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--natural", type=Path, metavar="DIR", help="folder of photographs for the research recipe")
+    args = parser.parse_args()
+    args.folder.mkdir(parents=True, exist_ok=True)
+    windows, paper, wild = (tomllib.loads((MANIFESTS / f"{n}.toml").read_text()) for n in ("windows", "paper", "wild"))
+    windows["film"]["spp"] = 16
+    windows["sources"] = {"photos": {"layout": "diode", "root": "photos", "fill": "far"}}
+    windows["split"] = [{"name": "train", "pairs": {"photos": TUPLES}}, {"name": "test", "pairs": {"photos": 2}}]
+    for name, recipe in [*sets(windows, paper, wild), *tests(windows)]:
+        write(args.folder, name, recipe)
+    if args.natural:
+        folder = {"layout": "folder", "root": str(args.natural.resolve())}
+        natural = {**windows, "sources": {"photos": folder}, "train": deciding()}
+        write(args.folder, "natural", natural)
+
+
+if __name__ == "__main__":
+    main()
