@@ -18,7 +18,7 @@ MANIFESTS = Path(__file__).resolve().parents[2] / "manifests"
 # Nine tenths of the photographs are the train split's.
 TUPLES = 2000
 
-# Means of R~ over means of F = I - R~ of the train tuples of windows.toml, at the probabilities 0, 0.05, ..., 1.
+# Means of R~ over means of F = I - R~ of train tuples of windows.toml (strengths.py), at the probabilities 0, 0.05, ..., 1.
 STRENGTHS = json.loads((Path(__file__).parent / "strengths.json").read_text())
 
 # The settings of manifests/learn.toml but for width, batch and strengths.

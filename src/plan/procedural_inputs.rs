@@ -212,7 +212,9 @@ impl<'a> ProceduralBytes<'a> {
         let bytes = match made.get_or_init(|| self.make(one)) {
             Made::Written(Ok(())) => return Some(render::input_file::read(path)),
             Made::InMemory(Ok(files)) => Ok(files[kind].clone()),
-            Made::Written(Err(text)) | Made::InMemory(Err(text)) => Err(io::Error::other(text.clone())),
+            Made::Written(Err(text)) | Made::InMemory(Err(text)) => {
+                Err(io::Error::other(text.clone()))
+            }
         };
         Some(bytes)
     }

@@ -137,7 +137,12 @@ pub(crate) fn plan_run(
     if let Some(Err(error)) = begun.take_if(|begun| begun.is_err()) {
         return Err(error);
     }
-    let drafted = drafted?;
+    let drafted = drafted.inspect_err(|_| {
+        if let Some(Ok(Begun { is_new: true, .. })) = &begun {
+            // Previews wrote pictures into a folder that this call made.
+            let _ = std::fs::remove_dir_all(out);
+        }
+    })?;
     let manifest = to_jsonl(&drafted.lines);
     let tile_px = options
         .tile_px
@@ -167,9 +172,9 @@ pub(crate) fn plan_run(
     let is_whole = existing.is_some() && drafted.to_make.iter().all(|made| made.is_written(out));
     if !options.dry_run && !is_whole {
         let lock = match begun {
-            Some(begun) => begun?,
+            Some(begun) => begun?.lock,
             None if existing.is_some() => lock(out)?,
-            None => begin(source, out)?,
+            None => begin(source, out)?.lock,
         };
         let on_picture = |done, all| on_progress("pictures", done, all);
         make_inputs(out, &drafted.to_make, options.threads, &on_picture)?;
@@ -191,9 +196,17 @@ fn has_absolute_paths(line: &SceneLine) -> bool {
     line.paths().into_iter().any(|(_, path)| Path::new(path).is_absolute())
 }
 
+/// The folder of a run that is being planned.
+struct Begun {
+    lock: FolderLock,
+    /// True if this planning made the folder.
+    is_new: bool,
+}
+
 /// Locks the folder of a new run, makes it if it is missing, and removes what a killed planning left unfinished.
-fn begin(source: &Path, out: &Path) -> Result<FolderLock, PlanError> {
+fn begin(source: &Path, out: &Path) -> Result<Begun, PlanError> {
     check_folder(source, out)?;
+    let is_new = !out.exists();
     atomic_file::create_dir(out)?;
     let lock = lock(out)?;
     if out.join(keys::SPEC).exists() {
@@ -203,7 +216,7 @@ fn begin(source: &Path, out: &Path) -> Result<FolderLock, PlanError> {
     // Depth 5 covers the input folders of DIODE: source / train / indoors / scene / scan.
     atomic_file::sweep(out, 0, &is_temporary);
     atomic_file::sweep(&out.join(keys::INPUTS), 5, &is_temporary);
-    Ok(lock)
+    Ok(Begun { lock, is_new })
 }
 
 /// Refuses a folder without a run if planning would overwrite the source or, unless an earlier planning was killed

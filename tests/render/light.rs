@@ -4,7 +4,8 @@ use crate::support::outputs::exr_channels;
 use crate::support::program::{run, text};
 use crate::support::scenes::{photographs, scene};
 use serde_json::{Value, json};
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 const LAYERS: [&str; 4] = ["input", "transmission", "glass_reflection", "clean_reflection"];
 
@@ -138,6 +139,21 @@ name = "test"
 pairs = { sample = 3 }
 "#;
 
+/// Returns the files of a line's photographs, relative to their source.
+fn photograph_files(line: &str) -> Vec<PathBuf> {
+    let line: Value = serde_json::from_str(line).unwrap();
+    let sides = ["front", "back"].map(|side| line[side].clone());
+    let files =
+        sides.iter().flat_map(|side| ["color", "depth", "mask"].map(|key| side[key].clone()));
+    files.map(|file| file.as_str().unwrap().strip_prefix("sample:").unwrap().into()).collect()
+}
+
+fn files_below(folder: &Path) -> BTreeSet<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let of = |path: PathBuf| if path.is_dir() { files_below(&path) } else { [path].into() };
+    entries.flat_map(of).collect()
+}
+
 #[test]
 fn planning_sets_the_light_and_replaces_rejected_draws() {
     let place = tempfile::tempdir().unwrap();
@@ -154,6 +170,10 @@ fn planning_sets_the_light_and_replaces_rejected_draws() {
     let (outcome, manifest, rejected) = plan("one", "1");
     assert_eq!(outcome["scenes"], 13);
     assert_eq!(outcome["rejected"], rejected.lines().count());
+    // Planning wrote the photographs of the scenes, and none of rejected draws alone.
+    let of_scenes: BTreeSet<PathBuf> = manifest.lines().flat_map(photograph_files).collect();
+    let inputs = place.path().join("one/inputs/sample");
+    assert_eq!(files_below(&inputs), of_scenes.iter().map(|file| inputs.join(file)).collect());
     let again = plan("two", "2");
     assert_eq!((&again.1, &again.2), (&manifest, &rejected));
     let rejected: Vec<Value> = rejected.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
@@ -224,7 +244,7 @@ fn rejected_draws_get_other_covers() {
     assert!(!outcome.stderr.contains("panicked"), "{outcome:?}");
     let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
     assert!(read("rejected.jsonl").lines().count() > 3);
-    let mut used = std::collections::BTreeSet::new();
+    let mut used = BTreeSet::new();
     for line in read("manifest.jsonl").lines() {
         let line: Value = serde_json::from_str(line).unwrap();
         for side in ["front", "back"] {
@@ -237,7 +257,7 @@ fn rejected_draws_get_other_covers() {
     }
     let there = ["train", "test"].map(|split| folder.join("inputs/cover").join(split));
     let there = there.iter().flat_map(|split| std::fs::read_dir(split).into_iter().flatten());
-    let there: std::collections::BTreeSet<_> = there.map(|entry| entry.unwrap().path()).collect();
+    let there: BTreeSet<_> = there.map(|entry| entry.unwrap().path()).collect();
     assert!(used.len() > 4);
     assert_eq!(there, used);
 }
