@@ -21,15 +21,15 @@ TUPLES = 2000
 # Means of R~ over means of F = I - R~ of train tuples of windows.toml (strengths.py), at the probabilities 0, 0.05, ..., 1.
 STRENGTHS = json.loads((Path(__file__).parent / "strengths.json").read_text())
 
-# The settings of manifests/learn.toml but for width, batch and strengths.
+# The settings of manifests/learn.toml but for strengths and the target's light.
 SETTINGS = {
     "network": "unet",
     "start": "residual",
     "bound": 1.0,
     "a_priori": False,
-    "width": 24,
+    "width": 16,
     "examples": "composed",
-    "batch": 16,
+    "batch": 8,
     "crop_px": 128,
     "gradient_weight": 1.0,
     "adversarial_weight": 0,
@@ -40,7 +40,7 @@ SETTINGS = {
     "warmup_steps": 50,
     "clip_norm": 1.0,
     "ema": 0.998,
-    "composition": {"strength": {"quantiles": STRENGTHS}},
+    "composition": {"strength": {"quantiles": STRENGTHS}, "target_light": "through_pane"},
 }
 
 
@@ -58,8 +58,8 @@ def deciding():
 
 
 def ablated(name, **settings):
-    """Returns an ablation: 40,000 examples, two seeds, 16 channels."""
-    return training(name, [1, 2], 40_000, **{"width": 16, "batch": 8, **settings})
+    """Returns an ablation: 40,000 examples, two seeds."""
+    return training(name, [1, 2], 40_000, **settings)
 
 
 def without_pane():
@@ -68,17 +68,15 @@ def without_pane():
     off = {**composition, "camera": {"enabled": False}}
     undimmed = {**composition, "mixture": {"transmitted": [1, 1]}}
     return [
-        ablated("small-composed"),
-        ablated("small-linear", examples="linear_mixtures"),
-        ablated("small-no-camera", composition=off),
-        ablated("small-zhang", examples="zhang_mixtures", composition=undimmed),
+        ablated("no-camera", composition=off),
+        ablated("own-light", composition={**composition, "target_light": "without_pane"}),
+        ablated("zhang", examples="zhang_mixtures", composition=undimmed),
     ]
 
 
 def a_priori(is_on):
     """Returns the paper's networks with or without the gradients of the a priori loss."""
-    settings = {"network": "generator", "bound": 0.0, "a_priori": is_on, "start": "residual", "width": 16, "batch": 8}
-    settings |= {"crop_px": 64, "learning_rate": 1e-3, "composition": SETTINGS["composition"]}
+    settings = {"network": "generator", "bound": 0.0, "a_priori": is_on, "crop_px": 64, "learning_rate": 1e-3}
     made = ablated("prior" if is_on else "no-prior", **settings)
     return {**made, "backtrack_steps": 2500}
 

@@ -60,7 +60,7 @@ pub use composition::{
     Camera, ComposedExample, Composition, CompositionError, Cut, Draw, DrawnCamera, DrawnExposure,
     DrawnSensor, DrawnStrength, DrawnZhang, Exposure, LUMINANCE, Layer, Layering, LinearExample,
     LinearTuple, LogNormal, Mixtures, PercentileExposure, SharedBytes, Side, StoredLayer, Strength,
-    TupleLayers, srgb_code,
+    TargetLight, TupleLayers, srgb_code,
 };
 pub use error::EvaluateError;
 pub use factor::{Factor, own_best_factor};

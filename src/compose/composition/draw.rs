@@ -1,7 +1,7 @@
 //! The numbers of one example, drawn from the settings' distributions.
 
 use super::mixture::DrawnZhang;
-use super::settings::{Camera, Composition, Exposure, LogNormal, Strength};
+use super::settings::{Camera, Composition, Exposure, LogNormal, Strength, TargetLight};
 use crate::random::Stream;
 use render::line::Sensor;
 
@@ -19,6 +19,7 @@ pub struct Draw {
     pub front_scale: f64,
     /// Side of another tuple's crop over the example's side.
     pub reflection_scale: f64,
+    pub target_light: TargetLight,
     /// `None` for the exposure of the front's tuple.
     pub exposure: Option<DrawnExposure>,
     /// Factor of the transmission in a mixture.
@@ -129,6 +130,7 @@ impl Draw {
             reflection_white_balance,
             front_scale,
             reflection_scale,
+            target_light: settings.target_light,
             exposure,
             transmitted,
             mixture_blur_px,
@@ -155,6 +157,7 @@ impl Draw {
         !self.is_other
             && self.strength == DrawnStrength::OfTuple
             && factors.copied().all(|factor| factor == 1.0)
+            && self.target_light == TargetLight::WithoutPane
             && self.exposure.is_none()
             && self.cover.is_none()
             && self.rough_px == 0.0

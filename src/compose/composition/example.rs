@@ -7,6 +7,7 @@ use super::cover::cover;
 use super::draw::{Draw, DrawnStrength};
 use super::layers::{LinearTuple, channel_means, luminance};
 use super::mixture::{add_codes, blur_codes};
+use super::settings::TargetLight;
 use crate::blur::blur;
 use crate::random::Stream;
 use image::ImageResult;
@@ -151,6 +152,12 @@ impl Draw {
             }
         }
         let means = [channel_means(&ahead), channel_means(&reflection)];
+        if self.target_light == TargetLight::ThroughPane {
+            let light = luminance(channel_means(&transmission));
+            // A black target stays black.
+            let factor = if light > 0.0 { luminance(means[0]) / light } else { 0.0 };
+            scale(&mut transmission, [factor; 3]);
+        }
         let own = if other.is_none() { None } else { Some(back.tuple.strength()) };
         let [factors, reflection_factors] = self.factors(means, own);
         scale(&mut ahead, factors);

@@ -39,7 +39,7 @@ pub use mixture::DrawnZhang;
 pub(crate) use power::prepare as prepare_powers;
 pub use settings::{
     Camera, Composition, CompositionError, Exposure, LogNormal, Mixtures, PercentileExposure,
-    Strength,
+    Strength, TargetLight,
 };
 pub use stored::{SharedBytes, StoredLayer};
 

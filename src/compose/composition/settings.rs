@@ -28,6 +28,8 @@ pub struct Composition {
     pub front_scale: [f64; 2],
     /// Side of another tuple's crop over the example's side; uniform. A tuple's size bounds it.
     pub reflection_scale: [f64; 2],
+    /// Light of the target.
+    pub target_light: TargetLight,
     /// Factor of all layers' light.
     pub exposure: Exposure,
     /// The front and the reflection of mixtures.
@@ -58,6 +60,17 @@ pub struct LogNormal {
     pub sigma: f64,
     /// Range that values are cut to.
     pub range: [f64; 2],
+}
+
+/// Light of the target, T. A pane takes light from the front, in double and coated glazings a fifth and more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TargetLight {
+    /// That of the front without a pane.
+    WithoutPane,
+    /// The mean luminance of the front through the pane, by one factor for all channels, as a camera that exposes each of
+    /// the two pictures would see them.
+    ThroughPane,
 }
 
 /// Factor of all layers' light.
@@ -133,6 +146,7 @@ impl Default for Composition {
             reflection_white_balance: 0.15,
             front_scale: [1.0, 1.0],
             reflection_scale: [1.0, 2.0],
+            target_light: TargetLight::WithoutPane,
             exposure: Exposure::Percentile(PercentileExposure {
                 percentile: [93.0, 99.8],
                 level: [0.1, 1.3],

@@ -114,6 +114,31 @@ fn everything_off_is_the_tuple() {
     assert!(linear.transmission == tuple.crop(&tuple.transmission, cut, 32));
 }
 
+/// The target's light is the front's through the pane, and nothing else changes.
+#[test]
+fn targets_have_the_light_behind_the_pane() {
+    let (front, back) = (tuple(3), tuple(4));
+    for layering in LAYERINGS {
+        let settings =
+            Composition { target_light: TargetLight::ThroughPane, ..Composition::default() };
+        let made = |settings: &Composition| {
+            draw(settings, 8).linear(layering, whole(&front), Some(whole(&back)), SIDE)
+        };
+        let (dimmed, full) = (made(&settings), made(&Composition::default()));
+        assert!(dimmed.input == full.input && dimmed.glass_reflection == full.glass_reflection);
+        let passed = if layering.is_mixture() { draw(&settings, 8).transmitted } else { 0.9 };
+        let share = luminance_of(&dimmed.transmission) / luminance_of(&full.transmission);
+        assert!((share - passed).abs() < 1e-3, "{layering:?}: {share} {passed}");
+        let factor = dimmed.transmission[0] / full.transmission[0];
+        for (target, before) in dimmed.transmission.iter().zip(&full.transmission) {
+            assert!(
+                (target - factor * before).abs() <= 1e-5 * before,
+                "one factor for all channels"
+            );
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
