@@ -4,7 +4,7 @@
     pip install ./python torch scipy opencv-python-headless pillow albumentations
     pip install --no-deps xreflection
     benches/peers/loaders.py tuples RUN        # rendering on the fly: CPU seconds, threads
-    benches/peers/loaders.py memory RUN        # resident memory up to the 20,000th scene
+    benches/peers/loaders.py memory RUN        # resident memory up to the 20,000th scene, at the scenes' own size
     benches/peers/loaders.py mixtures RUN      # composed examples beside those of other loaders
 
 RUN is a run of 256 px tuples, such as that of manifests/smoke.toml. Every figure is a median; pictures are in memory.
@@ -85,7 +85,7 @@ def tuples(args):
 
 def memory(args):
     """Renders scenes again and again, and reads the resident memory."""
-    scenes = glasshouse.Tuples(args.run, spp=1, size=64, threads=1)
+    scenes = glasshouse.Tuples(args.run, spp=1, size=args.size, threads=1)
     page = os.sysconf("SC_PAGESIZE")
     sizes = {}
     for number in range(1, args.until + 1):
@@ -170,6 +170,7 @@ def main():
     parser.add_argument("--scenes", type=int, default=8)
     parser.add_argument("--examples", type=int, default=40)
     parser.add_argument("--until", type=int, default=20000)
+    parser.add_argument("--size", type=int, help="side of the scenes for memory, px; by default their own")
     args = parser.parse_args()
     print(json.dumps({"tuples": tuples, "memory": memory, "mixtures": mixtures}[args.what](args), indent=2))
 
