@@ -184,6 +184,7 @@ pub(crate) fn list(bytes: &[u8]) -> bool {
         roots: &Roots::default(),
         inputs: &LocalFiles,
         run: &folder,
+        begin_writing: None,
         left_out: BTreeSet::new(),
         is_planned: false,
         keeps_absolute: false,

@@ -84,6 +84,7 @@ fn planned(recipe: &Path, run: &Path) -> OnDemand {
         roots: &Roots::default(),
         inputs: &LocalFiles,
         run,
+        begin_writing: None,
         left_out: BTreeSet::new(),
         is_planned: false,
         keeps_absolute: false,
