@@ -3,9 +3,6 @@
 
 use super::generator::{See, frozen, learning, numbered};
 use super::ops::buffers::Buffers;
-use super::ops::{
-    Window, conv2d_bias_leaky, double_and_join, mean_pool2, pad_to_multiple, shuffle2, unshuffle2,
-};
 use super::random::{RandomTensor, Stream};
 use super::unet_op::{Layer, UnetOp};
 use candle_core::{DType, Device, Result, Tensor, Var};
@@ -35,7 +32,7 @@ pub struct Unet {
     biases: Vec<Var>,
     last: Var,
     last_bias: Var,
-    /// Layers of [`UnetOp`], which has the same result as the operations of [`Self::by_layers`].
+    /// Layers of [`UnetOp`].
     layers: Arc<Vec<Layer>>,
     /// Memory of the images of training steps.
     buffers: Arc<Buffers>,
@@ -92,9 +89,6 @@ impl Unet {
     }
 
     fn forward_by(&self, images: &Tensor, see: See) -> Result<Tensor> {
-        if !images.device().is_cpu() {
-            return self.by_layers(images, see);
-        }
         let weights: Vec<Tensor> = self
             .variables()
             .iter()
@@ -107,32 +101,6 @@ impl Unet {
             UnetOp::new(&self.layers)
         };
         images.contiguous()?.apply_op2(&weights, op)
-    }
-
-    /// Computes T* by one operation for each layer, on any device.
-    fn by_layers(&self, images: &Tensor, see: See) -> Result<Tensor> {
-        let (_, _, rows, columns) = images.dims4()?;
-        let window = Window::same(3, 1);
-        let mut layers = self.kernels.iter().zip(&self.biases);
-        let mut two = |x: &Tensor| -> Result<Tensor> {
-            layers.by_ref().take(2).try_fold(x.clone(), |x, (kernel, bias)| {
-                conv2d_bias_leaky(&x, &see(kernel), &see(bias), window, SLOPE)
-            })
-        };
-        let padded = pad_to_multiple(images, MULTIPLE)?;
-        let mut x = two(&unshuffle2(&(padded - 0.5)?)?)?;
-        let mut skips = Vec::new();
-        for _ in 1..WIDTHS.len() {
-            let smaller = two(&mean_pool2(&x)?)?;
-            skips.push(x);
-            x = smaller;
-        }
-        while let Some(skip) = skips.pop() {
-            x = two(&double_and_join(&x, &skip)?)?;
-        }
-        let residual = conv2d_bias_leaky(&x, &see(&self.last), &see(&self.last_bias), window, 1.0)?;
-        let residual = shuffle2(&residual)?.narrow(2, 0, rows)?.narrow(3, 0, columns)?;
-        images + residual
     }
 }
 
@@ -172,6 +140,8 @@ fn layers(widths: [usize; 5]) -> Vec<Layer> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::ops::reference::{double_and_join, pad_to_multiple, shuffle2, unshuffle2};
+    use super::super::ops::{Window, conv2d_bias_leaky, mean_pool2};
     use super::*;
 
     fn numbers(tensor: &Tensor) -> Vec<f32> {
@@ -196,6 +166,32 @@ mod tests {
         (net, stream.normal_tensor(&[3, 3, 37, 70], 0.3, &Device::Cpu).unwrap())
     }
 
+    /// Computes T* by one operation for each layer.
+    fn by_layers(net: &Unet, images: &Tensor) -> Result<Tensor> {
+        let (_, _, rows, columns) = images.dims4()?;
+        let window = Window::same(3, 1);
+        let mut layers = net.kernels.iter().zip(&net.biases);
+        let mut two = |x: &Tensor| -> Result<Tensor> {
+            layers.by_ref().take(2).try_fold(x.clone(), |x, (kernel, bias)| {
+                conv2d_bias_leaky(&x, kernel.as_tensor(), bias.as_tensor(), window, SLOPE)
+            })
+        };
+        let padded = pad_to_multiple(images, MULTIPLE)?;
+        let mut x = two(&unshuffle2(&(padded - 0.5)?)?)?;
+        let mut skips = Vec::new();
+        for _ in 1..WIDTHS.len() {
+            let smaller = two(&mean_pool2(&x)?)?;
+            skips.push(x);
+            x = smaller;
+        }
+        while let Some(skip) = skips.pop() {
+            x = two(&double_and_join(&x, &skip)?)?;
+        }
+        let residual = conv2d_bias_leaky(&x, &net.last, &net.last_bias, window, 1.0)?;
+        let residual = shuffle2(&residual)?.narrow(2, 0, rows)?.narrow(3, 0, columns)?;
+        images + residual
+    }
+
     #[test]
     fn one_operation_equals_its_layers_and_so_do_gradients() {
         for width in [3, 16, 20] {
@@ -206,7 +202,7 @@ mod tests {
                 (numbers(&y), net.variables().into_iter().map(of).collect::<Vec<_>>())
             };
             let (y, gradients) = of(net.forward(&images).unwrap());
-            let (expected, of_layers) = of(net.by_layers(&images, learning).unwrap());
+            let (expected, of_layers) = of(by_layers(&net, &images).unwrap());
             let off = |a: &[f32], b: &[f32]| {
                 let length = |v: f64, w: &f32| v + f64::from(*w) * f64::from(*w);
                 let d: Vec<f32> = a.iter().zip(b).map(|(a, b)| a - b).collect();
