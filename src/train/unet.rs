@@ -41,14 +41,14 @@ pub struct Unet {
 impl Unet {
     /// Initialises the weights from a seed as PyTorch's `Conv2d` does, uniform within +-1 / sqrt(inputs), and the last
     /// convolution with zeros: T* = I. `name` separates the random streams of networks.
-    pub fn new(width: usize, seed: u64, name: &str, device: &Device) -> Result<Self> {
+    pub fn new(width: usize, seed: u64, name: &str) -> Result<Self> {
         let widths = WIDTHS.map(|factor| factor * width);
         let layers = layers(widths);
         let mut net = Self {
             kernels: Vec::new(),
             biases: Vec::new(),
-            last: Var::zeros((CHANNELS, widths[0], 3, 3), DType::F32, device)?,
-            last_bias: Var::zeros(CHANNELS, DType::F32, device)?,
+            last: Var::zeros((CHANNELS, widths[0], 3, 3), DType::F32, &Device::Cpu)?,
+            last_bias: Var::zeros(CHANNELS, DType::F32, &Device::Cpu)?,
             layers: Arc::new(layers),
             buffers: Arc::new(Buffers::reused()),
         };
@@ -58,16 +58,12 @@ impl Unet {
             let limit = 1.0 / ((shape[1] * shape[2] * shape[3]) as f64).sqrt();
             let uniform = |what: &str, dims: &[usize]| {
                 let mut stream = Stream::new(seed, &format!("{name} {what}.{layer}"));
-                Var::from_tensor(&stream.uniform_tensor(dims, limit, device)?)
+                Var::from_tensor(&stream.uniform_tensor(dims, limit)?)
             };
             net.kernels.push(uniform("kernel", &shape)?);
             net.biases.push(uniform("bias", &shape[..1])?);
         }
         Ok(net)
-    }
-
-    pub fn device(&self) -> &Device {
-        self.last.device()
     }
 
     /// Returns all trainable variables by name, in a fixed order.
@@ -150,20 +146,20 @@ mod tests {
 
     #[test]
     fn the_untrained_network_is_the_identity_at_every_size() {
-        let net = Unet::new(4, 1, "net", &Device::Cpu).unwrap();
+        let net = Unet::new(4, 1, "net").unwrap();
         for shape in [[2, 3, 32, 64], [1, 3, 17, 45]] {
-            let images = Stream::new(1, "image").normal_tensor(&shape, 1.0, &Device::Cpu).unwrap();
+            let images = Stream::new(1, "image").normal_tensor(&shape, 1.0).unwrap();
             assert_eq!(numbers(&net.forward(&images).unwrap()), numbers(&images));
         }
     }
 
     /// Returns a network whose last layer is not 0, and images of odd sizes.
     fn busy_net(width: usize) -> (Unet, Tensor) {
-        let net = Unet::new(width, 1, "net", &Device::Cpu).unwrap();
+        let net = Unet::new(width, 1, "net").unwrap();
         let mut stream = Stream::new(1, "last");
-        let last = stream.uniform_tensor(net.last.dims(), 0.1, &Device::Cpu).unwrap();
+        let last = stream.uniform_tensor(net.last.dims(), 0.1).unwrap();
         net.last.set(&last).unwrap();
-        (net, stream.normal_tensor(&[3, 3, 37, 70], 0.3, &Device::Cpu).unwrap())
+        (net, stream.normal_tensor(&[3, 3, 37, 70], 0.3).unwrap())
     }
 
     /// Computes T* by one operation for each layer.
@@ -253,10 +249,10 @@ mod tests {
 
     #[test]
     fn the_network_has_the_stated_number_of_weights() {
-        let net = Unet::new(16, 1, "net", &Device::Cpu).unwrap();
+        let net = Unet::new(16, 1, "net").unwrap();
         let count: usize = net.variables().iter().map(|(_, v)| v.elem_count()).sum();
         assert_eq!(count, 414_348);
-        let other = Unet::new(16, 2, "net", &Device::Cpu).unwrap();
+        let other = Unet::new(16, 2, "net").unwrap();
         assert_ne!(numbers(&net.kernels[3]), numbers(&other.kernels[3]));
         let limit = 1.0 / (9.0f32 * 32.0).sqrt();
         let kernel = numbers(&net.kernels[3]);
