@@ -10,7 +10,6 @@ use render::atomic_file;
 use std::error::Error;
 use std::path::Path;
 use train::Checkpoint;
-use train::candle_core::Device;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -27,7 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Writes both files and returns the size of the weights, bytes.
 pub(crate) fn pack(checkpoint: &Path, folder: &Path) -> Result<usize, Box<dyn Error>> {
-    let [weights, state] = Checkpoint::read(checkpoint, &Device::Cpu)?.packed()?;
+    let [weights, state] = Checkpoint::read(checkpoint)?.packed()?;
     atomic_file::write(&folder.join("unet.safetensors"), &weights)?;
     atomic_file::write(&folder.join("unet.json"), &state)?;
     Ok(weights.len())

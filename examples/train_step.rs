@@ -9,7 +9,6 @@
 
 use std::error::Error;
 use std::path::Path;
-use train::candle_core::Device;
 use train::{Batch, Cut, Example, Learner, Planes, Stage, TrainSettings, planes_of_bytes};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -44,7 +43,7 @@ pub(crate) fn train(folder: &Path, steps: u64) -> Result<Vec<f32>, Box<dyn Error
         learning_rate: 1e-3,
         ..TrainSettings::default()
     };
-    let mut learner = Learner::new(Stage::Separation, &settings, None, &Device::Cpu)?;
-    let batch = Batch::new(&[example.cut(cut)], learner.device())?;
+    let mut learner = Learner::new(Stage::Separation, &settings, None)?;
+    let batch = Batch::new(&[example.cut(cut)])?;
     (0..steps).map(|step| Ok(learner.step(step, &batch, &mut |_| {})?.total)).collect()
 }

@@ -10,7 +10,7 @@ pub struct TrainStep {
     /// User and system time of all threads, s.
     pub cpu_s: f64,
     pub wall_s: f64,
-    /// Names and CPU seconds of the parts, in order; names may repeat. They exclude the work of a GPU.
+    /// Names and CPU seconds of the parts, in order; names may repeat.
     pub parts: Vec<(&'static str, f64)>,
     /// Loss of the generators.
     pub loss: f32,
@@ -24,18 +24,18 @@ pub struct TrainBench {
 
 impl TrainBench {
     /// Creates SP-net, BT-net, random images and, if enabled, a random VGG-19 and a discriminator, which always learns.
-    pub fn new(settings: &TrainSettings, size_px: usize, device: &Device) -> Result<Self> {
+    pub fn new(settings: &TrainSettings, size_px: usize) -> Result<Self> {
         let settings = TrainSettings { discriminator_every: 1, ..settings.clone() };
         let vgg = match settings.features {
             FeatureSource::None => None,
-            _ => Some(Vgg::random(settings.seed, settings.vgg_divisor, device)?),
+            _ => Some(Vgg::random(settings.seed, settings.vgg_divisor)?),
         };
         let mut stream = Stream::new(settings.seed, "bench images");
         let mut image = || -> Result<Tensor> {
             let shape = (settings.batch, 3, size_px, size_px);
             let count = settings.batch * 3 * size_px * size_px;
             let values: Vec<f32> = (0..count).map(|_| stream.unit() as f32).collect();
-            Tensor::from_vec(values, shape, device)
+            Tensor::from_vec(values, shape, &Device::Cpu)
         };
         Ok(Self {
             batch: Batch {
@@ -44,7 +44,7 @@ impl TrainBench {
                 glass_reflection: Some(image()?),
                 clean_reflection: Some(image()?),
             },
-            learner: Learner::new(Stage::Separation, &settings, vgg, device)?,
+            learner: Learner::new(Stage::Separation, &settings, vgg)?,
         })
     }
 
@@ -62,8 +62,6 @@ impl TrainBench {
             parts.push((part, now - last));
             last = now;
         })?;
-        // A GPU computes the last updates while the program goes on.
-        self.learner.device().synchronize()?;
         Ok(TrainStep {
             cpu_s: process_cpu_s() - cpu,
             wall_s: wall.elapsed().as_secs_f64(),

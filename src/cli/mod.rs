@@ -2,8 +2,6 @@
 
 mod args;
 mod commands;
-#[cfg(feature = "train")]
-mod device;
 mod exit_code;
 mod freed_memory;
 mod isolate;

@@ -1,13 +1,11 @@
 //! Options and threads of the networks for a command; loads the networks of a checkpoint.
 
 use super::args::{Global, threads};
-use super::device::DeviceName;
 use super::exit_code::{Exit, Failure, failure};
 use super::output::Output;
 use crate::run::keys;
 use plan::{FeatureSource, NetworkKind, Stage};
 use std::path::{Path, PathBuf};
-use train::candle_core::Device;
 use train::{
     Best, Checkpoint, CheckpointState, Features, Separator, checkpoint_folder, stage_folder, steps,
     training_folder,
@@ -54,25 +52,18 @@ impl Network {
     pub(super) fn open(
         place: &Path,
         weights: Option<&str>,
-        device: DeviceName,
         output: &Output,
     ) -> Result<Self, Failure> {
-        Self::of(checkpoint(place, output)?, weights, device, output)
+        Self::of(checkpoint(place, output)?, weights, output)
     }
 
     /// Returns the networks whose weights ship with the program.
-    pub(super) fn shipped(device: DeviceName, output: &Output) -> Result<Self, Failure> {
+    pub(super) fn shipped(output: &Output) -> Result<Self, Failure> {
         let checkpoint = Checkpoint::shipped().map_err(|e| Failure::new(Exit::Failed, e))?;
-        Self::of(checkpoint, None, device, output)
+        Self::of(checkpoint, None, output)
     }
 
-    fn of(
-        checkpoint: Checkpoint,
-        weights: Option<&str>,
-        device: DeviceName,
-        output: &Output,
-    ) -> Result<Self, Failure> {
-        let device = device.open()?;
+    fn of(checkpoint: Checkpoint, weights: Option<&str>, output: &Output) -> Result<Self, Failure> {
         let settings = &checkpoint.state.settings;
         if weights.is_some() && settings.features != FeatureSource::File {
             output.note(&format!(
@@ -81,12 +72,12 @@ impl Network {
             ));
         }
         let file = weights_file(weights);
-        let Features { vgg, blake3 } = Features::load(settings, file, &device)
-            .map_err(|e| Failure::new(Exit::InvalidInput, e))?;
+        let Features { vgg, blake3 } =
+            Features::load(settings, file).map_err(|e| Failure::new(Exit::InvalidInput, e))?;
         if let (Some(path), Some(blake3)) = (file, &blake3) {
             output.note(&format!("VGG-19 from {}, BLAKE3 {blake3}", path.display()));
         }
-        let separator = Separator::new(&checkpoint, vgg, blake3.as_deref(), &device)?;
+        let separator = Separator::new(&checkpoint, vgg, blake3.as_deref())?;
         Ok(Self { separator, path: checkpoint.path, state: checkpoint.state })
     }
 
@@ -124,8 +115,7 @@ pub(super) fn checkpoint(place: &Path, output: &Output) -> Result<Checkpoint, Fa
     let is_step = |name: &str| name.starts_with("step-");
     let name = place.file_name().map(std::ffi::OsStr::to_string_lossy);
     if place.join("state.json").is_file() || (place.is_dir() && name.is_some_and(|n| is_step(&n))) {
-        return Checkpoint::read(place, &Device::Cpu)
-            .map_err(|e| Failure::new(Exit::InvalidInput, e));
+        return Checkpoint::read(place).map_err(|e| Failure::new(Exit::InvalidInput, e));
     }
     let is_run = is_run(place);
     let folder = if is_run {
@@ -136,7 +126,7 @@ pub(super) fn checkpoint(place: &Path, output: &Output) -> Result<Checkpoint, Fa
         if of_training.is_dir() { of_training } else { place.to_owned() }
     };
     if let Some(best) = Best::read(&folder)? {
-        match Checkpoint::read(&checkpoint_folder(&folder, best.step), &Device::Cpu) {
+        match Checkpoint::read(&checkpoint_folder(&folder, best.step)) {
             Ok(checkpoint) => return Ok(checkpoint),
             Err(error) => {
                 output
@@ -144,7 +134,7 @@ pub(super) fn checkpoint(place: &Path, output: &Output) -> Result<Checkpoint, Fa
             }
         }
     }
-    let (newest, refused) = Checkpoint::newest(&folder, 1, &Device::Cpu)
+    let (newest, refused) = Checkpoint::newest(&folder, 1)
         .map_err(|e| failure!(Exit::Failed, "cannot list {}: {e}", folder.display()))?;
     for error in refused {
         output.warning(&error.to_string());

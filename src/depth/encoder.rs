@@ -4,7 +4,7 @@ use super::config::{Config, PATCH_PX};
 use super::ops::{add_scaled, attention, layer_norm, linear, linear_gelu};
 use super::position::resized;
 use super::weights::Weights;
-use train::candle_core::{Device, Result, Tensor};
+use train::candle_core::{Result, Tensor};
 
 /// A matrix (in, out) and its bias.
 struct Linear {
@@ -37,8 +37,8 @@ pub(crate) struct Encoder {
 }
 
 impl Encoder {
-    pub(crate) fn new(weights: &Weights, config: &Config, device: &Device) -> Result<Self> {
-        let get = |name: &str| weights.get(name, device);
+    pub(crate) fn new(weights: &Weights, config: &Config) -> Result<Self> {
+        let get = |name: &str| weights.get(name);
         let linear = |name: &str| {
             Ok::<_, train::candle_core::Error>(Linear {
                 weight: get(&format!("{name}.weight"))?.flatten_from(1)?.t()?.contiguous()?,
@@ -97,7 +97,7 @@ impl Encoder {
             .reshape((grid[0] * grid[1], 3 * PATCH_PX * PATCH_PX))?;
         let patches = linear(&patches, &self.patches.weight, &self.patches.bias)?;
         let side = self.config.position_side;
-        let positions = resized(&self.positions, side, grid, planes.device())?;
+        let positions = resized(&self.positions, side, grid)?;
         let class = (&self.class_token + &self.class_position)?;
         let mut tokens = Tensor::cat(&[class, (patches + positions)?], 0)?;
         let mut read = Vec::new();

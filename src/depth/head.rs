@@ -3,7 +3,7 @@
 use super::config::{Config, PATCH_PX};
 use super::ops::linear;
 use super::weights::Weights;
-use train::candle_core::{Device, Result, Tensor};
+use train::candle_core::{Result, Tensor};
 use train::ops::{Sampling, Window, bilinear_at, conv2d, conv2d_bias_leaky};
 
 /// A kernel and its bias.
@@ -52,8 +52,8 @@ pub(crate) struct Head {
 }
 
 impl Head {
-    pub(crate) fn new(weights: &Weights, config: &Config, device: &Device) -> Result<Self> {
-        let get = |name: &str| weights.get(name, device);
+    pub(crate) fn new(weights: &Weights, config: &Config) -> Result<Self> {
+        let get = |name: &str| weights.get(name);
         let convolution = |name: &str| {
             Ok::<_, train::candle_core::Error>(Convolution {
                 kernel: get(&format!("{name}.weight"))?,

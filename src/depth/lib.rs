@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! weights (file -> tensors by name, checked) -> encoder (DINOv2) -> head (DPT) -> DepthNet::estimate
-//! picture (RGB -> normalised planes)            ops (linear layers, norm, attention: on the CPU faster than candle's)
+//! picture (RGB -> normalised planes)            ops (linear layers, norm, attention: faster than candle's)
 //! ```
 //!
 //! Yang, Kang, Huang, Zhao, Xu, Feng and Zhao, "Depth Anything V2", NeurIPS 2024; Oquab et al., "DINOv2", TMLR 2024; Ranftl,

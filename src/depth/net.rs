@@ -6,7 +6,7 @@ use super::head::Head;
 use super::picture::planes;
 use super::weights::Weights;
 use image::RgbImage;
-use train::candle_core::{self, Device, Tensor};
+use train::candle_core::{self, Tensor};
 use train::ops::{Sampling, bilinear_at};
 
 /// Error of an estimate.
@@ -33,7 +33,6 @@ pub struct DepthNet {
     head: Head,
     /// Largest depth of a metric network, m.
     metric_m: Option<f64>,
-    device: Device,
 }
 
 impl DepthNet {
@@ -43,13 +42,11 @@ impl DepthNet {
         weights: &Weights,
         config: &Config,
         metric_m: Option<f64>,
-        device: &Device,
     ) -> Result<Self, DepthError> {
         Ok(Self {
-            encoder: Encoder::new(weights, config, device)?,
-            head: Head::new(weights, config, device)?,
+            encoder: Encoder::new(weights, config)?,
+            head: Head::new(weights, config)?,
             metric_m,
-            device: device.clone(),
         })
     }
 
@@ -67,10 +64,10 @@ impl DepthNet {
     /// Estimates the depth of a picture of sRGB codes.
     pub fn estimate(&self, picture: RgbImage) -> Result<DepthMap, DepthError> {
         let (width, height) = (picture.width() as usize, picture.height() as usize);
-        let small = self.forward(&planes(picture, &self.device)?)?;
+        let small = self.forward(&planes(picture)?)?;
         let whole =
             bilinear_at(&small.unsqueeze(0)?.unsqueeze(0)?, height, width, Sampling::Aligned)?;
-        let values = whole.flatten_all()?.to_device(&Device::Cpu)?.to_vec1::<f32>()?;
+        let values = whole.flatten_all()?.to_vec1::<f32>()?;
         if !values.iter().all(|value| value.is_finite()) {
             return Err(DepthError::NotFinite);
         }

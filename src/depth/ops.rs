@@ -1,12 +1,8 @@
-//! Layers of a transformer. On the CPU, they are faster than candle's: sums over rows are fused, and attention never stores
-//! the scores of all tokens.
-//!
-//! Other devices use candle operations.
+//! Layers of a transformer, faster than candle's: sums over rows are fused, and attention never stores the scores of all
+//! tokens.
 
 use rayon::prelude::*;
-use train::candle_core::{
-    CpuStorage, CustomOp1, CustomOp3, D, Layout, Result, Shape, Tensor, bail,
-};
+use train::candle_core::{CpuStorage, CustomOp1, CustomOp3, Layout, Result, Shape, Tensor, bail};
 use train::ops::{Mat, MatMut, product, values};
 
 /// Columns of a product that one thread computes.
@@ -16,66 +12,35 @@ const BLOCK_QUERIES: usize = 96;
 /// Columns of a product of keys are a multiple of this: the largest vector.
 const PADDING: usize = 16;
 /// Added to the variance in a norm, as in DINOv2.
-const EPSILON: f64 = 1e-6;
+const EPSILON: f32 = 1e-6;
 
 /// Computes x W + b of x (rows, in), W (in, out), b (out). Matrix products of rows need no copy of W in this order.
 pub(crate) fn linear(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
-    if x.device().is_cpu() {
-        return x.contiguous()?.apply_op3(weight, bias, OfThree("linear", linear_on_cpu::<false>));
-    }
-    x.matmul(weight)?.broadcast_add(bias)
+    x.contiguous()?.apply_op3(weight, bias, OfThree("linear", linear_on_cpu::<false>))
 }
 
 /// Computes GELU(x W + b), with the error function.
 pub(crate) fn linear_gelu(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
-    if x.device().is_cpu() {
-        return x.contiguous()?.apply_op3(weight, bias, OfThree("linear", linear_on_cpu::<true>));
-    }
-    x.matmul(weight)?.broadcast_add(bias)?.gelu_erf()
+    x.contiguous()?.apply_op3(weight, bias, OfThree("linear", linear_on_cpu::<true>))
 }
 
 /// Normalises each row to mean 0 and variance 1, then multiplies by `weight` and adds `bias`.
 pub(crate) fn layer_norm(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Result<Tensor> {
-    if x.device().is_cpu() {
-        return x.contiguous()?.apply_op3(weight, bias, OfThree("layer_norm", layer_norm_on_cpu));
-    }
-    let centred = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
-    let variance = centred.sqr()?.mean_keepdim(D::Minus1)?;
-    let normed = centred.broadcast_div(&(variance + EPSILON)?.sqrt()?)?;
-    normed.broadcast_mul(weight)?.broadcast_add(bias)
+    x.contiguous()?.apply_op3(weight, bias, OfThree("layer_norm", layer_norm_on_cpu))
 }
 
 /// Computes x + y * scale, with one scale for each column.
 pub(crate) fn add_scaled(x: &Tensor, y: &Tensor, scale: &Tensor) -> Result<Tensor> {
-    if x.device().is_cpu() {
-        return x.contiguous()?.apply_op3(
-            &y.contiguous()?,
-            scale,
-            OfThree("add_scaled", add_scaled_on_cpu),
-        );
-    }
-    x + y.broadcast_mul(scale)?
+    let y = y.contiguous()?;
+    x.contiguous()?.apply_op3(&y, scale, OfThree("add_scaled", add_scaled_on_cpu))
 }
 
 /// Computes softmax(q k^T / sqrt(d)) v of each head, from rows of queries, keys and values (tokens, 3 width) to (tokens, width).
 pub(crate) fn attention(qkv: &Tensor, heads: usize) -> Result<Tensor> {
-    let (tokens, thrice) = qkv.dims2()?;
-    let (width, size) = (thrice / 3, thrice / 3 / heads);
-    if qkv.device().is_cpu() {
-        return qkv.contiguous()?.apply_op1(Attention { heads });
-    }
-    let part = |k: usize| {
-        let part = qkv.narrow(1, k * width, width)?;
-        part.reshape((tokens, heads, size))?.transpose(0, 1)?.contiguous()
-    };
-    let [q, k, v] = [part(0)?, part(1)?, part(2)?];
-    let scores = (q.matmul(&k.t()?.contiguous()?)? * (1.0 / (size as f64).sqrt()))?;
-    let weights = scores.broadcast_sub(&scores.max_keepdim(D::Minus1)?)?.exp()?;
-    let weights = weights.broadcast_div(&weights.sum_keepdim(D::Minus1)?)?;
-    weights.matmul(&v)?.transpose(0, 1)?.contiguous()?.reshape((tokens, width))
+    qkv.contiguous()?.apply_op1(Attention { heads })
 }
 
-/// An operation of three tensors on the CPU: its name, and a function of their values and shapes.
+/// An operation of three tensors: its name, and a function of their values and shapes.
 struct OfThree(&'static str, fn([&[f32]; 3], [&Shape; 3]) -> Made);
 
 /// Values of a tensor and their shape.
@@ -136,7 +101,7 @@ fn layer_norm_on_cpu([x, weight, bias]: [&[f32]; 3], [of_x, ..]: [&Shape; 3]) ->
     out.par_chunks_exact_mut(columns.max(1)).for_each(|row| {
         let mean = sum(row, |value| value) / columns as f32;
         let variance = sum(row, |value| (value - mean) * (value - mean)) / columns as f32;
-        let scale = 1.0 / (variance + EPSILON as f32).sqrt();
+        let scale = 1.0 / (variance + EPSILON).sqrt();
         for ((value, weight), bias) in row.iter_mut().zip(weight).zip(bias) {
             *value = (*value - mean) * scale * weight + bias;
         }

@@ -21,7 +21,7 @@ pub(crate) fn working_px([width, height]: [u32; 2]) -> [u32; 2] {
 }
 
 /// Scales a picture and normalises it to planes (3, rows, columns).
-pub(crate) fn planes(picture: RgbImage, device: &Device) -> Result<Tensor> {
+pub(crate) fn planes(picture: RgbImage) -> Result<Tensor> {
     let [width, height] = working_px(picture.dimensions().into());
     let small = compose::resize(picture, [width, height]);
     let channel = |c: usize| {
@@ -29,7 +29,7 @@ pub(crate) fn planes(picture: RgbImage, device: &Device) -> Result<Tensor> {
         pixels.map(move |code| (f32::from(*code) / 255.0 - MEANS[c]) / DEVIATIONS[c])
     };
     let values: Vec<f32> = (0..3).flat_map(channel).collect();
-    Tensor::from_vec(values, (3, height as usize, width as usize), device)
+    Tensor::from_vec(values, (3, height as usize, width as usize), &Device::Cpu)
 }
 
 #[cfg(test)]

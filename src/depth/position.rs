@@ -32,14 +32,13 @@ pub(crate) fn resized(
     embedding: &Tensor,
     side: usize,
     [rows, columns]: [usize; 2],
-    device: &Device,
 ) -> Result<Tensor> {
     if [rows, columns] == [side, side] {
         return Ok(embedding.clone());
     }
     let width = embedding.dim(1)?;
-    let down = Tensor::from_vec(resizing(side, rows), (rows, side), device)?;
-    let across = Tensor::from_vec(resizing(side, columns), (columns, side), device)?;
+    let down = Tensor::from_vec(resizing(side, rows), (rows, side), &Device::Cpu)?;
+    let across = Tensor::from_vec(resizing(side, columns), (columns, side), &Device::Cpu)?;
     let high = down.matmul(&embedding.reshape((side, side * width))?)?;
     let turned = high.reshape((rows, side, width))?.transpose(0, 1)?.contiguous()?;
     let wide = across.matmul(&turned.reshape((side, rows * width))?)?;

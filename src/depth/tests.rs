@@ -86,7 +86,7 @@ fn difference(
     let expected = SafeTensors::deserialize(file).unwrap();
     let kind = if metric_m.is_some() { "metric" } else { "relative" };
     let expected = expected.tensor(&format!("{name} {kind} {rows} {columns}")).unwrap();
-    let net = DepthNet::new(&weights(config), config, metric_m, &Device::Cpu).unwrap();
+    let net = DepthNet::new(&weights(config), config, metric_m).unwrap();
     let planes = uniform(&format!("picture {rows} {columns}"), 3 * rows * columns);
     let planes: Vec<f32> = planes.into_iter().map(|v| 2.0 * v).collect();
     let planes = Tensor::from_vec(planes, (3, rows, columns), &Device::Cpu).unwrap();

@@ -3,7 +3,7 @@
 use super::config::{Config, Model, PATCH_PX};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use train::candle_core::{self, DType, Device, Tensor};
+use train::candle_core::{self, DType, Tensor};
 
 /// Error of a file of weights.
 #[derive(Debug, thiserror::Error)]
@@ -72,12 +72,10 @@ impl Weights {
         Ok(Self { tensors: kept, blake3 })
     }
 
-    /// Returns a tensor on a device.
-    pub(crate) fn get(&self, name: &str, device: &Device) -> candle_core::Result<Tensor> {
-        let tensor = self.tensors.get(name);
-        tensor
-            .ok_or_else(|| candle_core::Error::Msg(format!("no tensor {name}")))?
-            .to_device(device)
+    /// Returns a tensor.
+    pub(crate) fn get(&self, name: &str) -> candle_core::Result<Tensor> {
+        let tensor = self.tensors.get(name).cloned();
+        tensor.ok_or_else(|| candle_core::Error::Msg(format!("no tensor {name}")))
     }
 }
 

@@ -14,7 +14,7 @@ pub struct Batch {
 
 impl Batch {
     /// Stacks examples of one size. A reflection layer is `None` if one of the examples lacks it.
-    pub fn new(examples: &[Example], device: &Device) -> Result<Self> {
+    pub fn new(examples: &[Example]) -> Result<Self> {
         let Some(first) = examples.first() else {
             candle_core::bail!("a batch needs an example");
         };
@@ -25,7 +25,7 @@ impl Batch {
                 return Ok(None);
             };
             let values: Vec<f32> = planes.into_iter().flatten().copied().collect();
-            Tensor::from_vec(values, shape, device).map(Some)
+            Tensor::from_vec(values, shape, &Device::Cpu).map(Some)
         };
         let needed = |layer: Option<Tensor>| {
             layer.ok_or_else(|| candle_core::Error::Msg("no input or no transmission".to_owned()))

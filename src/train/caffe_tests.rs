@@ -24,7 +24,7 @@ fn off(found: &Tensor, expected: &Tensor) -> f64 {
 fn features_in_caffes_style_equal_those_of_pytorch() {
     let given = read(include_bytes!("../../tests/train/step.safetensors"));
     let expected = read(include_bytes!("../../tests/train/caffe.safetensors"));
-    let vgg = || Vgg::new(&given, 32, &Device::Cpu).unwrap();
+    let vgg = || Vgg::new(&given, 32).unwrap();
     let caffe = vgg().with_style(FeatureStyle::Caffe);
     let image = Var::from_tensor(&given["image.input"]).unwrap();
     let features = caffe.features(&image).unwrap();
@@ -49,9 +49,9 @@ fn a_network_with_caffes_features_equals_that_of_pytorch() {
         ..TrainSettings::default()
     };
     let made = |feature_style| {
-        let vgg = Vgg::new(&given, 32, &Device::Cpu).unwrap();
+        let vgg = Vgg::new(&given, 32).unwrap();
         let settings = settings(feature_style);
-        let learner = Learner::new(Stage::Separation, &settings, Some(vgg), &Device::Cpu).unwrap();
+        let learner = Learner::new(Stage::Separation, &settings, Some(vgg)).unwrap();
         for (name, variable) in learner.variables() {
             variable.set(&given[&name]).unwrap();
         }

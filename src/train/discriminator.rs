@@ -24,20 +24,20 @@ pub struct Discriminator {
 
 impl Discriminator {
     /// Draws kernels and gains with standard deviation 0.02 from a seed; the published width is 64.
-    pub fn new(width: usize, seed: u64, name: &str, device: &Device) -> Result<Self> {
+    pub fn new(width: usize, seed: u64, name: &str) -> Result<Self> {
         let widths: Vec<usize> = WIDTHS.iter().map(|times| times * width).chain([1]).collect();
         let mut inputs = 6;
         let mut discriminator =
             Self { kernels: Vec::new(), gains: Vec::new(), offsets: Vec::new(), slope: SLOPE };
         for (layer, &outputs) in widths.iter().enumerate() {
             let mut stream = Stream::new(seed, &format!("{name} kernel.{layer}"));
-            let kernel = stream.normal_tensor(&[outputs, inputs, 4, 4], 0.02, device)?;
+            let kernel = stream.normal_tensor(&[outputs, inputs, 4, 4], 0.02)?;
             discriminator.kernels.push(Var::from_tensor(&kernel)?);
             if is_normed(layer) {
                 let mut stream = Stream::new(seed, &format!("{name} gain.{layer}"));
-                let gain = (stream.normal_tensor(&[outputs], 0.02, device)? + 1.0)?;
+                let gain = (stream.normal_tensor(&[outputs], 0.02)? + 1.0)?;
                 discriminator.gains.push(Var::from_tensor(&gain)?);
-                discriminator.offsets.push(Var::zeros(outputs, DType::F32, device)?);
+                discriminator.offsets.push(Var::zeros(outputs, DType::F32, &Device::Cpu)?);
             }
             inputs = outputs;
         }
@@ -103,12 +103,12 @@ mod tests {
 
     #[test]
     fn weights_and_logits_have_the_published_sizes() {
-        let discriminator = Discriminator::new(64, 1, "d", &Device::Cpu).unwrap();
+        let discriminator = Discriminator::new(64, 1, "d").unwrap();
         let variables = discriminator.variables();
         let count: usize = variables.iter().map(|(_, v)| v.elem_count()).sum();
         let kernels = 16 * (6 * 64 + 64 * 128 + 128 * 256 + 256 * 512 + 512);
         assert_eq!(count, kernels + 2 * (128 + 256 + 512));
-        let narrow = Discriminator::new(4, 1, "d", &Device::Cpu).unwrap();
+        let narrow = Discriminator::new(4, 1, "d").unwrap();
         let image = Tensor::zeros((1, 3, 256, 256), DType::F32, &Device::Cpu).unwrap();
         assert_eq!(narrow.forward(&image, &image).unwrap().dims(), [1, 1, 30, 30]);
     }

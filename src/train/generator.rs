@@ -52,7 +52,7 @@ pub struct Generator {
 
 impl Generator {
     /// Initialises the weights from a seed; `name` separates the random streams of networks.
-    pub fn new(options: &GeneratorOptions, seed: u64, name: &str, device: &Device) -> Result<Self> {
+    pub fn new(options: &GeneratorOptions, seed: u64, name: &str) -> Result<Self> {
         let width = options.width;
         let inputs = options.features.iter().sum::<usize>() + 3;
         let mut generator = Self {
@@ -60,8 +60,8 @@ impl Generator {
             by_itself: Vec::new(),
             by_norm: Vec::new(),
             offsets: Vec::new(),
-            last: Var::zeros((options.outputs, width, 1, 1), DType::F32, device)?,
-            last_bias: Var::zeros(options.outputs, DType::F32, device)?,
+            last: Var::zeros((options.outputs, width, 1, 1), DType::F32, &Device::Cpu)?,
+            last_bias: Var::zeros(options.outputs, DType::F32, &Device::Cpu)?,
             sampling: options.sampling,
             norm: NormOptions { epsilon: EPSILON, slope: options.slope },
             is_residual: options.start == Start::Residual,
@@ -70,17 +70,17 @@ impl Generator {
             let (channels, size) = if layer == 0 { (inputs, 1) } else { (width, 3) };
             let shape = [width, channels, size, size];
             let kernel = match options.start {
-                Start::Identity | Start::Residual => identity(shape, device)?,
+                Start::Identity | Start::Residual => identity(shape)?,
                 Start::Random => {
                     let deviation = (2.0 / (channels * size * size) as f64).sqrt();
                     let mut stream = Stream::new(seed, &format!("{name} kernel.{layer}"));
-                    stream.normal_tensor(&shape, deviation, device)?
+                    stream.normal_tensor(&shape, deviation)?
                 }
             };
             generator.kernels.push(Var::from_tensor(&kernel)?);
-            generator.by_itself.push(Var::ones(1, DType::F32, device)?);
-            generator.by_norm.push(Var::zeros(1, DType::F32, device)?);
-            generator.offsets.push(Var::zeros(width, DType::F32, device)?);
+            generator.by_itself.push(Var::ones(1, DType::F32, &Device::Cpu)?);
+            generator.by_norm.push(Var::zeros(1, DType::F32, &Device::Cpu)?);
+            generator.offsets.push(Var::zeros(width, DType::F32, &Device::Cpu)?);
         }
         if generator.is_residual {
             return Ok(generator);
@@ -88,13 +88,9 @@ impl Generator {
         // Initialisation of Glorot and Bengio, as in Zhang et al.
         let deviation = (2.0 / (width + options.outputs) as f64).sqrt();
         let mut stream = Stream::new(seed, &format!("{name} last"));
-        let last = stream.normal_tensor(&[options.outputs, width, 1, 1], deviation, device)?;
+        let last = stream.normal_tensor(&[options.outputs, width, 1, 1], deviation)?;
         generator.last.set(&last)?;
         Ok(generator)
-    }
-
-    pub fn device(&self) -> &Device {
-        self.last.device()
     }
 
     /// Returns all trainable variables by name, in a fixed order.
@@ -228,13 +224,13 @@ pub(super) fn frozen(weight: &Var) -> Tensor {
 }
 
 /// Returns a kernel that copies each input channel to the output channel of the same index.
-fn identity([outputs, inputs, rows, columns]: [usize; 4], device: &Device) -> Result<Tensor> {
+fn identity([outputs, inputs, rows, columns]: [usize; 4]) -> Result<Tensor> {
     let mut values = vec![0.0f32; outputs * inputs * rows * columns];
     for channel in 0..outputs.min(inputs) {
         let plane = (channel * inputs + channel) * rows * columns;
         values[plane + rows / 2 * columns + columns / 2] = 1.0;
     }
-    Tensor::from_vec(values, (outputs, inputs, rows, columns), device)
+    Tensor::from_vec(values, (outputs, inputs, rows, columns), &Device::Cpu)
 }
 
 #[cfg(test)]
@@ -255,8 +251,7 @@ mod tests {
     #[test]
     fn generators_have_the_published_number_of_weights() {
         let count = |outputs| {
-            let generator =
-                Generator::new(&options(outputs, Start::Identity), 1, "g", &Device::Cpu).unwrap();
+            let generator = Generator::new(&options(outputs, Start::Identity), 1, "g").unwrap();
             let variables = generator.variables();
             variables.iter().map(|(_, v)| v.elem_count()).sum::<usize>()
         };
@@ -267,8 +262,7 @@ mod tests {
 
     #[test]
     fn residual_generators_begin_as_the_identity() {
-        let image =
-            Stream::new(1, "image").normal_tensor(&[1, 3, 9, 8], 1.0, &Device::Cpu).unwrap();
+        let image = Stream::new(1, "image").normal_tensor(&[1, 3, 9, 8], 1.0).unwrap();
         let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
         for outputs in [3, 6] {
             let options = GeneratorOptions {
@@ -276,7 +270,7 @@ mod tests {
                 features: Vec::new(),
                 ..options(outputs, Start::Residual)
             };
-            let made = Generator::new(&options, 1, "g", &Device::Cpu).unwrap();
+            let made = Generator::new(&options, 1, "g").unwrap();
             let made = numbers(&made.forward(&image, &[]).unwrap());
             let mut expected = numbers(&image);
             expected.resize(made.len(), 0.0);
@@ -286,9 +280,8 @@ mod tests {
 
     #[test]
     fn identity_kernels_copy_the_first_channels() {
-        let kernel = identity([2, 3, 3, 3], &Device::Cpu).unwrap();
-        let image =
-            Stream::new(1, "image").normal_tensor(&[1, 3, 5, 6], 1.0, &Device::Cpu).unwrap();
+        let kernel = identity([2, 3, 3, 3]).unwrap();
+        let image = Stream::new(1, "image").normal_tensor(&[1, 3, 5, 6], 1.0).unwrap();
         let passed = conv2d(&image, &kernel, Window::same(3, 1)).unwrap();
         let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
         assert_eq!(numbers(&passed), numbers(&image.narrow(1, 0, 2).unwrap()));

@@ -4,7 +4,7 @@ use super::generator::{Generator, Norms, REACH_PX, Statistics};
 use super::separation_net::SeparationNet;
 use super::tiles::{Tiling, by_tiles, tensor_of};
 use super::vgg::Vgg;
-use candle_core::{Device, Result, Tensor};
+use candle_core::{Result, Tensor};
 use compose::shrink_to;
 use examples::Picture;
 use examples::Planes;
@@ -56,12 +56,8 @@ impl Networks<'_> {
             }
         };
         let outputs = if has_one { 3 } else { 6 };
-        let network = Pass {
-            tiling: separation.tiling(tile_px),
-            outputs,
-            has_norms: separation.has_norms(),
-            device: separation.device(),
-        };
+        let network =
+            Pass { tiling: separation.tiling(tile_px), outputs, has_norms: separation.has_norms() };
         let mut t = network.planes(image, pass)?;
         let r =
             if has_one { difference_of_light(&image.planes, &t) } else { t.split_off(t.len() / 2) };
@@ -74,7 +70,7 @@ impl Networks<'_> {
             candle_core::bail!("the checkpoint has a U-Net, which has no BT-net");
         };
         let tiling = backtrack_tiling(tile_px);
-        let network = Pass { tiling, outputs: 3, has_norms: true, device: backtrack.device() };
+        let network = Pass { tiling, outputs: 3, has_norms: true };
         let planes = network.planes(reflection, |tile, norms| {
             backtrack.forward_frozen(tile, &self.features(tile)?, norms)
         })?;
@@ -92,15 +88,14 @@ fn backtrack_tiling(tile_px: usize) -> Tiling {
 }
 
 /// What a network needs to process an image.
-struct Pass<'a> {
+struct Pass {
     tiling: Tiling,
     /// Number of output channels.
     outputs: usize,
     has_norms: bool,
-    device: &'a Device,
 }
 
-impl Pass<'_> {
+impl Pass {
     fn planes(
         &self,
         image: &Picture,
@@ -113,20 +108,16 @@ impl Pass<'_> {
                 image.rows
             );
         }
-        let Self { tiling, outputs, device, .. } = *self;
-        if !self.has_norms || !tiling.divides(image) {
-            return by_tiles(image, tiling, outputs, device, |tile| {
-                forward(tile, &mut Norms::Batch)
-            });
+        let Self { tiling, outputs, has_norms } = *self;
+        if !has_norms || !tiling.divides(image) {
+            return by_tiles(image, tiling, outputs, |tile| forward(tile, &mut Norms::Batch));
         }
         let small = shrink_to(image.to_rgb(), tiling.tile_px.try_into().unwrap_or(u32::MAX));
         let small = Picture::from_rgb(&small);
-        let whole = tensor_of(&small, &(0..small.rows), &(0..small.columns), device)?;
+        let whole = tensor_of(&small, &(0..small.rows), &(0..small.columns))?;
         let mut statistics = Statistics::default();
         forward(&whole, &mut Norms::Record(&mut statistics))?;
-        by_tiles(image, tiling, outputs, device, |tile| {
-            forward(tile, &mut Norms::Given(&statistics))
-        })
+        by_tiles(image, tiling, outputs, |tile| forward(tile, &mut Norms::Given(&statistics)))
     }
 }
 
@@ -164,7 +155,7 @@ mod tests {
     fn disturb(variables: Vec<(String, candle_core::Var)>) {
         for (name, variable) in variables {
             let mut stream = Stream::new(3, &name);
-            let more = stream.normal_tensor(variable.dims(), 0.2, &Device::Cpu).unwrap();
+            let more = stream.normal_tensor(variable.dims(), 0.2).unwrap();
             variable.set(&(variable.as_tensor() + more).unwrap()).unwrap();
         }
     }
@@ -176,10 +167,10 @@ mod tests {
     /// With the same statistics, tiles change nothing but the order of sums, for kernels that reach as far as they can.
     #[test]
     fn tiles_of_a_generator_equal_the_whole_image() {
-        let generator = Generator::new(&OPTIONS, 1, "s", &Device::Cpu).unwrap();
+        let generator = Generator::new(&OPTIONS, 1, "s").unwrap();
         disturb(generator.variables());
         let image = noise(340, 611);
-        let whole = tensor_of(&image, &(0..340), &(0..611), &Device::Cpu).unwrap();
+        let whole = tensor_of(&image, &(0..340), &(0..611)).unwrap();
         let mut statistics = Statistics::default();
         let expected = generator
             .forward_frozen(&whole, &[], &mut Norms::Record(&mut statistics))
@@ -191,7 +182,7 @@ mod tests {
             let tiling = Tiling { tile_px: 336, reach_px, period_px: 1 };
             let forward =
                 |tile: &Tensor| generator.forward_frozen(tile, &[], &mut Norms::Given(&statistics));
-            by_tiles(&image, tiling, 6, &Device::Cpu, forward).unwrap()
+            by_tiles(&image, tiling, 6, forward).unwrap()
         };
         let worst = largest_difference(&found(REACH_PX), &expected);
         assert!(worst < 1e-4, "{worst}");
@@ -203,7 +194,7 @@ mod tests {
     fn tiles_of_a_unet_equal_the_whole_image() {
         let settings =
             TrainSettings { network: NetworkKind::Unet, width: 4, ..TrainSettings::default() };
-        let separation = SeparationNet::new(&settings, &OPTIONS, &Device::Cpu).unwrap();
+        let separation = SeparationNet::new(&settings, &OPTIONS).unwrap();
         disturb(separation.variables());
         let networks = Networks { vgg: None, separation: Some(&separation), backtrack: None };
         let image = noise(200, 1201);
@@ -217,11 +208,11 @@ mod tests {
 
     #[test]
     fn tiles_share_the_statistics_of_the_whole_image() {
-        let separation = Generator::new(&OPTIONS, 1, "s", &Device::Cpu).unwrap();
+        let separation = Generator::new(&OPTIONS, 1, "s").unwrap();
         disturb(separation.variables());
         let separation = SeparationNet::of_generator(separation);
         let backtrack = GeneratorOptions { outputs: 3, ..OPTIONS };
-        let backtrack = Generator::new(&backtrack, 1, "b", &Device::Cpu).unwrap();
+        let backtrack = Generator::new(&backtrack, 1, "b").unwrap();
         let networks =
             Networks { vgg: None, separation: Some(&separation), backtrack: Some(&backtrack) };
         // A smooth image keeps its statistics at the size of a tile. One half is dark, so tiles normalised alone differ.
@@ -238,7 +229,7 @@ mod tests {
         };
         let [whole, _] = networks.separate(&image, 1000).unwrap();
         let [tiled, _] = networks.separate(&image, 336).unwrap();
-        let alone = by_tiles(&image, separation.tiling(336), 3, &Device::Cpu, |tile| {
+        let alone = by_tiles(&image, separation.tiling(336), 3, |tile| {
             Ok(separation.forward_frozen(tile, &[], &mut Norms::Batch)?.transmission)
         });
         let of_tiles = error(&whole.planes, &tiled.planes);

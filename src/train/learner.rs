@@ -11,7 +11,7 @@ use super::separation_net::SeparationNet;
 use super::vgg::Vgg;
 #[cfg(test)]
 use candle_core::backprop::GradStore;
-use candle_core::{Device, Result, Tensor, Var};
+use candle_core::{Result, Tensor, Var};
 use plan::{NetworkKind, OptimizerKind, Stage, TrainSettings};
 use std::collections::{BTreeMap, HashMap};
 
@@ -30,7 +30,6 @@ pub struct Learner {
     averages: Option<Averages>,
     pub(super) settings: TrainSettings,
     pub(super) vgg: Option<Vgg>,
-    device: Device,
 }
 
 /// One weighted term of a step's loss.
@@ -52,13 +51,8 @@ pub type Lap<'a> = &'a mut dyn FnMut(&'static str);
 
 impl Learner {
     /// Creates the networks of a stage. `vgg` is `None` if the settings use no features.
-    pub fn new(
-        stage: Stage,
-        settings: &TrainSettings,
-        vgg: Option<Vgg>,
-        device: &Device,
-    ) -> Result<Self> {
-        Self::with_slope(stage, settings, vgg, device, SLOPE)
+    pub fn new(stage: Stage, settings: &TrainSettings, vgg: Option<Vgg>) -> Result<Self> {
+        Self::with_slope(stage, settings, vgg, SLOPE)
     }
 
     /// Creates the networks with the given slope of all leaky ReLUs.
@@ -66,7 +60,6 @@ impl Learner {
         stage: Stage,
         settings: &TrainSettings,
         vgg: Option<Vgg>,
-        device: &Device,
         slope: f32,
     ) -> Result<Self> {
         let vgg = vgg.map(|vgg| vgg.with_style(settings.feature_style));
@@ -80,9 +73,7 @@ impl Learner {
         };
         let seed = settings.seed;
         let backtrack = match (settings.network, stage) {
-            (NetworkKind::Generator, _) => {
-                Some(Generator::new(&options(3), seed, "backtrack", device)?)
-            }
+            (NetworkKind::Generator, _) => Some(Generator::new(&options(3), seed, "backtrack")?),
             (NetworkKind::Unet, Stage::Separation) => None,
             (NetworkKind::Unet, Stage::Backtrack) => {
                 candle_core::bail!("a U-Net has no BT-net, so it has no backtrack stage")
@@ -90,13 +81,13 @@ impl Learner {
         };
         let separation = match stage {
             Stage::Backtrack => None,
-            Stage::Separation => Some(SeparationNet::new(settings, &options(6), device)?),
+            Stage::Separation => Some(SeparationNet::new(settings, &options(6))?),
         };
         let discriminator = (settings.adversarial_weight > 0.0)
             .then(|| -> Result<Discriminator> {
                 let name = format!("{} discriminator", stage.name());
                 let width = settings.discriminator_width;
-                Ok(Discriminator::new(width, seed, &name, device)?.with_slope(slope))
+                Ok(Discriminator::new(width, seed, &name)?.with_slope(slope))
             })
             .transpose()?;
         let mut learned = Vec::new();
@@ -128,7 +119,6 @@ impl Learner {
             discriminator,
             settings: settings.clone(),
             vgg,
-            device: device.clone(),
         })
     }
 
@@ -188,8 +178,7 @@ impl Learner {
     pub fn set_model(&mut self, model: &HashMap<String, Tensor>, prefix: &str) -> Result<()> {
         for (name, variable) in self.variables() {
             if name.starts_with(prefix) {
-                let weights = of_shape(model, &name, variable.dims())?;
-                variable.set(&weights.to_device(variable.device())?)?;
+                variable.set(of_shape(model, &name, variable.dims())?)?;
             }
         }
         if let Some(averages) = &mut self.averages {
@@ -303,10 +292,6 @@ impl Learner {
         let total = sum.total()?;
         let gradients = total.backward()?;
         Ok((total, gradients))
-    }
-
-    pub fn device(&self) -> &Device {
-        &self.device
     }
 
     /// Returns the networks with the trained weights; see [`Self::at_work`].

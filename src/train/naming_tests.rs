@@ -2,7 +2,6 @@
 
 use super::run_tests::{pairs, small, training};
 use super::*;
-use candle_core::Device;
 use compose::Pair;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -35,7 +34,7 @@ fn step(run: &Path, name: &str, step: u64) -> PathBuf {
 }
 
 fn read(path: &Path) -> Checkpoint {
-    Checkpoint::read(path, &Device::Cpu).unwrap()
+    Checkpoint::read(path).unwrap()
 }
 
 fn model(path: &Path) -> Vec<u8> {

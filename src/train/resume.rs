@@ -7,7 +7,6 @@ use super::learner::Learner;
 use super::run::Training;
 use super::session::Watcher;
 use super::vgg::Vgg;
-use candle_core::Device;
 use compose::{Baselines, Pair};
 use examples::{ExampleSampler, digest_of, scenes_digest};
 use plan::{FREE, NetworkKind, ScheduleKind, Stage, TrainSettings};
@@ -45,12 +44,11 @@ impl Beginning {
     pub(super) fn find(
         training: &Path,
         stage: Stage,
-        device: &Device,
         watcher: &mut dyn Watcher,
     ) -> Result<Self, TrainError> {
         let mut newest = |stage, least| {
             let folder = stage_folder(training, stage);
-            let (checkpoint, refused) = Checkpoint::newest(&folder, least, device)
+            let (checkpoint, refused) = Checkpoint::newest(&folder, least)
                 .map_err(|source| TrainError::Read { path: folder, source })?;
             for error in refused {
                 let older = match &checkpoint {
@@ -221,9 +219,8 @@ impl Beginning {
         stage: Stage,
         settings: &TrainSettings,
         vgg: Option<Vgg>,
-        device: &Device,
     ) -> Result<Learner, TrainError> {
-        let mut learner = Learner::new(stage, settings, vgg, device)?;
+        let mut learner = Learner::new(stage, settings, vgg)?;
         if let Some(before) = &self.before {
             learner.set_model(&before.model, "backtrack.")?;
         }

@@ -8,7 +8,6 @@ use super::error::TrainError;
 use super::resume::{Beginning, lock};
 use super::session::{Best, Schedule, Session, Trained, Watcher};
 use super::vgg_file::Features;
-use candle_core::Device;
 use compose::Pair;
 use crossbeam::channel::bounded;
 use examples::Loader;
@@ -52,7 +51,6 @@ pub struct Training<'a> {
     pub settings: &'a dyn Fn(Option<&TrainSettings>) -> TrainSettings,
     /// File of VGG-19's weights, if the settings need one.
     pub features: Option<PathBuf>,
-    pub device: Device,
     /// Number of steps between checkpoints; `None` for a twentieth of `steps`, from 10 to 1,000.
     pub checkpoint_every: Option<u64>,
     /// Number of newest checkpoints to keep; the best is also kept.
@@ -147,7 +145,7 @@ pub fn run(
     let stage = training.stage;
     let folder = stage_folder(&training.folder(), stage);
     let lock = if training.dry_run { None } else { Some(lock(&folder)?) };
-    let mut beginning = Beginning::find(&training.folder(), stage, &training.device, watcher)?;
+    let mut beginning = Beginning::find(&training.folder(), stage, watcher)?;
     beginning.start_from(training.from.take())?;
     let settings = beginning.settings(&training)?;
     let features = load_features(&training, &settings, watcher)?;
@@ -160,7 +158,7 @@ pub fn run(
     if settings.examples.needs_tuples() {
         warn_of_missing(&lines, &*training.tuples, settings.follow, watcher)?;
     }
-    let learner = beginning.learner(stage, &settings, features.vgg, &training.device)?;
+    let learner = beginning.learner(stage, &settings, features.vgg)?;
     let mut summary = TrainSummary {
         run: training.run.clone(),
         name: training.name.clone(),
@@ -245,7 +243,7 @@ fn load_features(
     watcher: &mut dyn Watcher,
 ) -> Result<Features, TrainError> {
     let file = training.features.as_deref();
-    let features = Features::load(settings, file, &training.device)?;
+    let features = Features::load(settings, file)?;
     if let (Some(path), Some(blake3)) = (file, &features.blake3) {
         watcher.note(&format!("VGG-19 from {}, BLAKE3 {blake3}", path.display()));
     }

@@ -1,7 +1,6 @@
 //! Tests training on real pairs in a temporary folder, inside the test's process, without a store or a farm.
 
 use super::*;
-use candle_core::Device;
 use compose::Pair;
 use image::RgbImage;
 use render::ids::SceneId;
@@ -109,7 +108,6 @@ pub(super) fn training<'a>(
         select: None,
         settings,
         features: None,
-        device: Device::Cpu,
         checkpoint_every: Some(2),
         keep: 9,
         validate: 1,
@@ -156,7 +154,7 @@ fn training_resumes_to_the_same_bits_and_starts_the_next_stage() {
 
     let next = go(parts, Stage::Separation, 1, &mut ());
     let path = next.trained.unwrap().checkpoint.unwrap();
-    let state = Checkpoint::read(&path, &Device::Cpu).unwrap().state;
+    let state = Checkpoint::read(&path).unwrap().state;
     assert_eq!(state.origin.backtrack.unwrap().0, 4);
 }
 
@@ -184,9 +182,9 @@ fn a_lying_state_is_refused_and_the_checkpoint_before_it_is_used() {
         assert!(state.contains(&from), "{state}");
         let lying = state.replacen(&from, &format!("\"{key}\": {to},"), 1);
         render::atomic_file::write(&path.join("state.json"), lying.as_bytes()).unwrap();
-        let error = Checkpoint::read(&path, &Device::Cpu).err().unwrap().to_string();
+        let error = Checkpoint::read(&path).err().unwrap().to_string();
         assert!(error.contains(words) && error.contains("state.json"), "{error}");
-        let (found, refused) = Checkpoint::newest(&stage, 0, &Device::Cpu).unwrap();
+        let (found, refused) = Checkpoint::newest(&stage, 0).unwrap();
         assert_eq!((found.unwrap().state.step, refused.len()), (2, 1));
     }
     // Training goes on from the checkpoint before, and names the damaged one.

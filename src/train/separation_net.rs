@@ -4,7 +4,7 @@ use super::generator::{self, Generator, GeneratorOptions, Norms};
 use super::ops::{bounded, brightened};
 use super::tiles::Tiling;
 use super::unet::{self, Unet};
-use candle_core::{Device, Result, Tensor, Var};
+use candle_core::{Result, Tensor, Var};
 use plan::{NetworkKind, TrainSettings};
 
 pub struct SeparationNet {
@@ -28,17 +28,13 @@ pub struct Separated {
 
 impl SeparationNet {
     /// Creates the network of the settings. `generator` has the options of SP-net.
-    pub(super) fn new(
-        settings: &TrainSettings,
-        generator: &GeneratorOptions,
-        device: &Device,
-    ) -> Result<Self> {
+    pub(super) fn new(settings: &TrainSettings, generator: &GeneratorOptions) -> Result<Self> {
         const NAME: &str = "separation";
         let net = match settings.network {
             NetworkKind::Generator => {
-                Net::Generator(Generator::new(generator, settings.seed, NAME, device)?)
+                Net::Generator(Generator::new(generator, settings.seed, NAME)?)
             }
-            NetworkKind::Unet => Net::Unet(Unet::new(settings.width, settings.seed, NAME, device)?),
+            NetworkKind::Unet => Net::Unet(Unet::new(settings.width, settings.seed, NAME)?),
         };
         Ok(Self { net, bound: settings.bound })
     }
@@ -64,13 +60,6 @@ impl SeparationNet {
     /// True if the network normalises by statistics of the image.
     pub(super) fn has_norms(&self) -> bool {
         matches!(self.net, Net::Generator(_))
-    }
-
-    pub fn device(&self) -> &Device {
-        match &self.net {
-            Net::Generator(generator) => generator.device(),
-            Net::Unet(unet) => unet.device(),
-        }
     }
 
     /// Returns all trainable variables by name, in a fixed order.

@@ -6,7 +6,7 @@ use super::learner::Learner;
 use super::separation_net::SeparationNet;
 use super::vgg::Vgg;
 use super::work_size::{WorkSize, changed, difference_of_light, enlarged};
-use candle_core::{Device, Result};
+use candle_core::Result;
 use compose::{shrink_to, shrunk_size_px};
 use examples::Picture;
 use image::RgbImage;
@@ -48,13 +48,12 @@ pub struct Separator {
 }
 
 impl Separator {
-    /// Loads a checkpoint of the separation stage to a device. `vgg` is the feature network that its settings require, on
-    /// that device; `vgg_blake3` is the digest of the weights file, if the features come from a file.
+    /// Loads a checkpoint of the separation stage. `vgg` is the feature network that its settings require; `vgg_blake3`
+    /// is the digest of the weights file, if the features come from a file.
     pub fn new(
         checkpoint: &Checkpoint,
         vgg: Option<Vgg>,
         vgg_blake3: Option<&str>,
-        device: &Device,
     ) -> std::result::Result<Self, SeparatorError> {
         let state = &checkpoint.state;
         let path = || checkpoint.path.clone();
@@ -77,7 +76,7 @@ impl Separator {
             ..state.settings.clone()
         };
         settings.validate().map_err(|source| SeparatorError::Settings { path: path(), source })?;
-        let learner = Learner::new(state.stage, &settings, vgg, device);
+        let learner = Learner::new(state.stage, &settings, vgg);
         let learner = learner.and_then(|mut learner| {
             learner.set_model(&checkpoint.model, "")?;
             Ok(learner)
@@ -167,11 +166,11 @@ mod tests {
     }
 
     fn vgg(settings: &TrainSettings) -> Vgg {
-        Vgg::random(settings.seed, settings.vgg_divisor, &Device::Cpu).unwrap()
+        Vgg::random(settings.seed, settings.vgg_divisor).unwrap()
     }
 
     fn checkpoint(folder: &std::path::Path, stage: Stage, settings: &TrainSettings) -> Checkpoint {
-        let mut learner = Learner::new(stage, settings, Some(vgg(settings)), &Device::Cpu).unwrap();
+        let mut learner = Learner::new(stage, settings, Some(vgg(settings))).unwrap();
         learner.generator_adam.steps = 3;
         if let Some(adam) = &mut learner.discriminator_adam {
             adam.steps = 3u64.div_ceil(settings.discriminator_every);
@@ -186,7 +185,7 @@ mod tests {
         };
         let past = Past { origin, history: Vec::new(), baselines: None };
         let path = write_checkpoint(folder, 3, &learner, settings, &past, None).unwrap();
-        Checkpoint::read(&path, &Device::Cpu).unwrap()
+        Checkpoint::read(&path).unwrap()
     }
 
     #[test]
@@ -194,10 +193,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let settings = settings();
         let checkpoint = checkpoint(folder.path(), Stage::Separation, &settings);
-        let separator =
-            Separator::new(&checkpoint, Some(vgg(&settings)), None, &Device::Cpu).unwrap();
-        let learner =
-            Learner::new(Stage::Separation, &settings, Some(vgg(&settings)), &Device::Cpu);
+        let separator = Separator::new(&checkpoint, Some(vgg(&settings)), None).unwrap();
+        let learner = Learner::new(Stage::Separation, &settings, Some(vgg(&settings)));
         let picture = RgbImage::from_fn(37, 21, |x, y| {
             image::Rgb([(x * 7) as u8, (y * 11) as u8, (x * y) as u8])
         });
@@ -218,7 +215,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let settings = settings();
         let text = |checkpoint: &Checkpoint, vgg, blake3| {
-            Separator::new(checkpoint, vgg, blake3, &Device::Cpu).err().unwrap().to_string()
+            Separator::new(checkpoint, vgg, blake3).err().unwrap().to_string()
         };
         let alone = checkpoint(folder.path(), Stage::Backtrack, &settings);
         assert!(text(&alone, Some(vgg(&settings)), None).contains("BT-net alone"));

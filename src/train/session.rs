@@ -212,7 +212,7 @@ impl Session {
                     self.write(None, schedule, watcher)?;
                 }
             }
-            let batch = Batch::new(&examples, self.learner.device())?;
+            let batch = Batch::new(&examples)?;
             let losses = self.learner.step(self.step, &batch, &mut |_| {})?;
             if !losses.total.is_finite() {
                 return Err(TrainError::NotFinite { step: self.step + 1, loss: losses.total });

@@ -1,7 +1,7 @@
 //! The weights that ship with the program. `weights/README.md` says how they were made.
 
 use super::checkpoint::{Checkpoint, CheckpointError, MODEL, digest};
-use candle_core::{DType, Device, Tensor};
+use candle_core::{DType, Tensor};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -17,7 +17,7 @@ const STATE: &[u8] = include_bytes!("weights/unet.json");
 impl Checkpoint {
     /// Returns the weights that ship with the program, without an optimiser's state.
     pub fn shipped() -> Result<Self, CheckpointError> {
-        Self::of_model(Path::new(SHIPPED), STATE, WEIGHTS, &Device::Cpu)
+        Self::of_model(Path::new(SHIPPED), STATE, WEIGHTS)
     }
 
     /// Returns the model as half floats, and the state with its digest: the contents of the shipped files.
@@ -50,12 +50,12 @@ mod tests {
         assert!(shipped.state.baselines.is_some());
         assert!(shipped.state.origin.vgg_blake3.is_none());
         assert!(shipped.state.origin.real_files_blake3.is_none());
-        Separator::new(&shipped, None, None, &Device::Cpu).unwrap();
+        Separator::new(&shipped, None, None).unwrap();
         // Packing halves again changes nothing.
         let [weights, state] = shipped.packed().unwrap();
         assert!(weights == WEIGHTS);
         assert_eq!(
-            Checkpoint::of_model(Path::new(SHIPPED), &state, &weights, &Device::Cpu).unwrap().state,
+            Checkpoint::of_model(Path::new(SHIPPED), &state, &weights).unwrap().state,
             shipped.state
         );
     }

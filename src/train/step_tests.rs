@@ -34,9 +34,8 @@ impl Fixture {
             discriminator_width: DISCRIMINATOR_WIDTH,
             ..TrainSettings::default()
         };
-        let vgg = Vgg::new(&self.0, DIVISOR, &Device::Cpu).unwrap();
-        let learner =
-            Learner::with_slope(Stage::Separation, &settings, Some(vgg), &Device::Cpu, slope);
+        let vgg = Vgg::new(&self.0, DIVISOR).unwrap();
+        let learner = Learner::with_slope(Stage::Separation, &settings, Some(vgg), slope);
         let learner = learner.unwrap();
         for (name, variable) in learner.variables() {
             variable.set(&self.0[&name]).unwrap();
@@ -119,7 +118,7 @@ fn bt_net_does_not_change_without_the_a_priori_loss() {
         ..TrainSettings::default()
     };
     let step = |settings: &TrainSettings| {
-        let mut learner = Learner::new(Stage::Separation, settings, None, &Device::Cpu).unwrap();
+        let mut learner = Learner::new(Stage::Separation, settings, None).unwrap();
         let before: Vec<Tensor> = bt_net(&learner).iter().map(|(_, v)| v.copy().unwrap()).collect();
         let losses = learner.step(0, &fixture.batch(), &mut |_| {}).unwrap();
         let after = bt_net(&learner);
@@ -167,8 +166,8 @@ fn one_example_can_be_overfitted() {
         learning_rate: 3e-3,
         ..TrainSettings::default()
     };
-    let mut learner = Learner::new(Stage::Separation, &settings, None, &Device::Cpu).unwrap();
-    let batch = Batch::new(std::slice::from_ref(&example), &Device::Cpu).unwrap();
+    let mut learner = Learner::new(Stage::Separation, &settings, None).unwrap();
+    let batch = Batch::new(std::slice::from_ref(&example)).unwrap();
     let mut term = |step| {
         let losses = learner.step(step, &batch, &mut |_| {}).unwrap();
         losses.terms.iter().find(|t| t.name == "transmission_l1").unwrap().value

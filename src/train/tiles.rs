@@ -69,14 +69,13 @@ pub(super) fn by_tiles(
     image: &Picture,
     tiling: Tiling,
     outputs: usize,
-    device: &Device,
     forward: impl Fn(&Tensor) -> Result<Tensor>,
 ) -> Result<Planes> {
     let pixels = image.rows * image.columns;
     let mut planes = vec![0.0; outputs * pixels];
     for down in tiling.spans(image.rows) {
         for across in tiling.spans(image.columns) {
-            let made = forward(&tensor_of(image, &down.read, &across.read, device)?)?;
+            let made = forward(&tensor_of(image, &down.read, &across.read)?)?;
             let made: Vec<f32> = made.flatten_all()?.to_vec1()?;
             // Clamping would turn them into black.
             if let Some(value) = made.iter().find(|value| !value.is_finite()) {
@@ -104,7 +103,6 @@ pub(super) fn tensor_of(
     image: &Picture,
     rows: &Range<usize>,
     columns: &Range<usize>,
-    device: &Device,
 ) -> Result<Tensor> {
     let mut values = Vec::with_capacity(3 * rows.len() * columns.len());
     for plane in image.planes.chunks_exact(image.rows * image.columns) {
@@ -112,7 +110,7 @@ pub(super) fn tensor_of(
             values.extend_from_slice(&plane[y * image.columns..][columns.clone()]);
         }
     }
-    Tensor::from_vec(values, (1, 3, rows.len(), columns.len()), device)
+    Tensor::from_vec(values, (1, 3, rows.len(), columns.len()), &Device::Cpu)
 }
 
 #[cfg(test)]

@@ -3,9 +3,6 @@
 
 use super::generator::{See, frozen, learning, numbered};
 use super::ops::buffers::Buffers;
-use super::ops::{
-    Window, conv2d_bias_leaky, double_and_join, mean_pool2, pad_to_multiple, shuffle2, unshuffle2,
-};
 use super::random::{RandomTensor, Stream};
 use super::unet_op::{Layer, UnetOp};
 use candle_core::{DType, Device, Result, Tensor, Var};
@@ -35,7 +32,7 @@ pub struct Unet {
     biases: Vec<Var>,
     last: Var,
     last_bias: Var,
-    /// Layers of [`UnetOp`], which has the same result as the operations of [`Self::by_layers`].
+    /// Layers of [`UnetOp`].
     layers: Arc<Vec<Layer>>,
     /// Memory of the images of training steps.
     buffers: Arc<Buffers>,
@@ -44,14 +41,14 @@ pub struct Unet {
 impl Unet {
     /// Initialises the weights from a seed as PyTorch's `Conv2d` does, uniform within +-1 / sqrt(inputs), and the last
     /// convolution with zeros: T* = I. `name` separates the random streams of networks.
-    pub fn new(width: usize, seed: u64, name: &str, device: &Device) -> Result<Self> {
+    pub fn new(width: usize, seed: u64, name: &str) -> Result<Self> {
         let widths = WIDTHS.map(|factor| factor * width);
         let layers = layers(widths);
         let mut net = Self {
             kernels: Vec::new(),
             biases: Vec::new(),
-            last: Var::zeros((CHANNELS, widths[0], 3, 3), DType::F32, device)?,
-            last_bias: Var::zeros(CHANNELS, DType::F32, device)?,
+            last: Var::zeros((CHANNELS, widths[0], 3, 3), DType::F32, &Device::Cpu)?,
+            last_bias: Var::zeros(CHANNELS, DType::F32, &Device::Cpu)?,
             layers: Arc::new(layers),
             buffers: Arc::new(Buffers::reused()),
         };
@@ -61,16 +58,12 @@ impl Unet {
             let limit = 1.0 / ((shape[1] * shape[2] * shape[3]) as f64).sqrt();
             let uniform = |what: &str, dims: &[usize]| {
                 let mut stream = Stream::new(seed, &format!("{name} {what}.{layer}"));
-                Var::from_tensor(&stream.uniform_tensor(dims, limit, device)?)
+                Var::from_tensor(&stream.uniform_tensor(dims, limit)?)
             };
             net.kernels.push(uniform("kernel", &shape)?);
             net.biases.push(uniform("bias", &shape[..1])?);
         }
         Ok(net)
-    }
-
-    pub fn device(&self) -> &Device {
-        self.last.device()
     }
 
     /// Returns all trainable variables by name, in a fixed order.
@@ -92,9 +85,6 @@ impl Unet {
     }
 
     fn forward_by(&self, images: &Tensor, see: See) -> Result<Tensor> {
-        if !images.device().is_cpu() {
-            return self.by_layers(images, see);
-        }
         let weights: Vec<Tensor> = self
             .variables()
             .iter()
@@ -107,32 +97,6 @@ impl Unet {
             UnetOp::new(&self.layers)
         };
         images.contiguous()?.apply_op2(&weights, op)
-    }
-
-    /// Computes T* by one operation for each layer, on any device.
-    fn by_layers(&self, images: &Tensor, see: See) -> Result<Tensor> {
-        let (_, _, rows, columns) = images.dims4()?;
-        let window = Window::same(3, 1);
-        let mut layers = self.kernels.iter().zip(&self.biases);
-        let mut two = |x: &Tensor| -> Result<Tensor> {
-            layers.by_ref().take(2).try_fold(x.clone(), |x, (kernel, bias)| {
-                conv2d_bias_leaky(&x, &see(kernel), &see(bias), window, SLOPE)
-            })
-        };
-        let padded = pad_to_multiple(images, MULTIPLE)?;
-        let mut x = two(&unshuffle2(&(padded - 0.5)?)?)?;
-        let mut skips = Vec::new();
-        for _ in 1..WIDTHS.len() {
-            let smaller = two(&mean_pool2(&x)?)?;
-            skips.push(x);
-            x = smaller;
-        }
-        while let Some(skip) = skips.pop() {
-            x = two(&double_and_join(&x, &skip)?)?;
-        }
-        let residual = conv2d_bias_leaky(&x, &see(&self.last), &see(&self.last_bias), window, 1.0)?;
-        let residual = shuffle2(&residual)?.narrow(2, 0, rows)?.narrow(3, 0, columns)?;
-        images + residual
     }
 }
 
@@ -172,6 +136,8 @@ fn layers(widths: [usize; 5]) -> Vec<Layer> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::ops::reference::{double_and_join, pad_to_multiple, shuffle2, unshuffle2};
+    use super::super::ops::{Window, conv2d_bias_leaky, mean_pool2};
     use super::*;
 
     fn numbers(tensor: &Tensor) -> Vec<f32> {
@@ -180,20 +146,46 @@ mod tests {
 
     #[test]
     fn the_untrained_network_is_the_identity_at_every_size() {
-        let net = Unet::new(4, 1, "net", &Device::Cpu).unwrap();
+        let net = Unet::new(4, 1, "net").unwrap();
         for shape in [[2, 3, 32, 64], [1, 3, 17, 45]] {
-            let images = Stream::new(1, "image").normal_tensor(&shape, 1.0, &Device::Cpu).unwrap();
+            let images = Stream::new(1, "image").normal_tensor(&shape, 1.0).unwrap();
             assert_eq!(numbers(&net.forward(&images).unwrap()), numbers(&images));
         }
     }
 
     /// Returns a network whose last layer is not 0, and images of odd sizes.
     fn busy_net(width: usize) -> (Unet, Tensor) {
-        let net = Unet::new(width, 1, "net", &Device::Cpu).unwrap();
+        let net = Unet::new(width, 1, "net").unwrap();
         let mut stream = Stream::new(1, "last");
-        let last = stream.uniform_tensor(net.last.dims(), 0.1, &Device::Cpu).unwrap();
+        let last = stream.uniform_tensor(net.last.dims(), 0.1).unwrap();
         net.last.set(&last).unwrap();
-        (net, stream.normal_tensor(&[3, 3, 37, 70], 0.3, &Device::Cpu).unwrap())
+        (net, stream.normal_tensor(&[3, 3, 37, 70], 0.3).unwrap())
+    }
+
+    /// Computes T* by one operation for each layer.
+    fn by_layers(net: &Unet, images: &Tensor) -> Result<Tensor> {
+        let (_, _, rows, columns) = images.dims4()?;
+        let window = Window::same(3, 1);
+        let mut layers = net.kernels.iter().zip(&net.biases);
+        let mut two = |x: &Tensor| -> Result<Tensor> {
+            layers.by_ref().take(2).try_fold(x.clone(), |x, (kernel, bias)| {
+                conv2d_bias_leaky(&x, kernel.as_tensor(), bias.as_tensor(), window, SLOPE)
+            })
+        };
+        let padded = pad_to_multiple(images, MULTIPLE)?;
+        let mut x = two(&unshuffle2(&(padded - 0.5)?)?)?;
+        let mut skips = Vec::new();
+        for _ in 1..WIDTHS.len() {
+            let smaller = two(&mean_pool2(&x)?)?;
+            skips.push(x);
+            x = smaller;
+        }
+        while let Some(skip) = skips.pop() {
+            x = two(&double_and_join(&x, &skip)?)?;
+        }
+        let residual = conv2d_bias_leaky(&x, &net.last, &net.last_bias, window, 1.0)?;
+        let residual = shuffle2(&residual)?.narrow(2, 0, rows)?.narrow(3, 0, columns)?;
+        images + residual
     }
 
     #[test]
@@ -206,7 +198,7 @@ mod tests {
                 (numbers(&y), net.variables().into_iter().map(of).collect::<Vec<_>>())
             };
             let (y, gradients) = of(net.forward(&images).unwrap());
-            let (expected, of_layers) = of(net.by_layers(&images, learning).unwrap());
+            let (expected, of_layers) = of(by_layers(&net, &images).unwrap());
             let off = |a: &[f32], b: &[f32]| {
                 let length = |v: f64, w: &f32| v + f64::from(*w) * f64::from(*w);
                 let d: Vec<f32> = a.iter().zip(b).map(|(a, b)| a - b).collect();
@@ -257,10 +249,10 @@ mod tests {
 
     #[test]
     fn the_network_has_the_stated_number_of_weights() {
-        let net = Unet::new(16, 1, "net", &Device::Cpu).unwrap();
+        let net = Unet::new(16, 1, "net").unwrap();
         let count: usize = net.variables().iter().map(|(_, v)| v.elem_count()).sum();
         assert_eq!(count, 414_348);
-        let other = Unet::new(16, 2, "net", &Device::Cpu).unwrap();
+        let other = Unet::new(16, 2, "net").unwrap();
         assert_ne!(numbers(&net.kernels[3]), numbers(&other.kernels[3]));
         let limit = 1.0 / (9.0f32 * 32.0).sqrt();
         let kernel = numbers(&net.kernels[3]);

@@ -1,4 +1,4 @@
-//! The U-Net as one operation on the CPU, with its own gradient. It is several times as fast as its layers as separate
+//! The U-Net as one operation, with its own gradient. It is several times as fast as its layers as separate
 //! operations: images stay in the layout of `ops/direct.rs`, and candle stores and adds no gradients between layers.
 
 use super::ops::buffers::Buffers;

@@ -66,14 +66,14 @@ fn a_resumed_unet_has_the_same_bits() {
     assert_eq!(resumed.from_step, 2);
     assert!(files(whole.path(), 6) == files(parts.path(), 6));
     // The model holds the running means, and the optimiser's file holds the trained weights.
-    let checkpoint = Checkpoint::read(&path(whole.path(), 6), &Device::Cpu).unwrap();
+    let checkpoint = Checkpoint::read(&path(whole.path(), 6)).unwrap();
     let numbers = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
     let mean = numbers(&checkpoint.model["separation.last"]);
     assert_ne!(mean, numbers(&checkpoint.moments["weight.separation.last"]));
     assert_eq!(checkpoint.state.settings.schedule_steps, 6);
     assert!(checkpoint.state.history.is_empty());
     // The separator works with the running means, and does not brighten.
-    let separator = Separator::new(&checkpoint, None, None, &Device::Cpu).unwrap();
+    let separator = Separator::new(&checkpoint, None, None).unwrap();
     let input = image::RgbImage::from_fn(70, 45, |x, y| {
         image::Rgb([(x * 3) as u8, (y * 5) as u8, (x + y) as u8])
     });
@@ -99,7 +99,7 @@ fn rates_may_change_when_a_unet_resumes() {
     assert!(matches!(frozen, TrainError::ScheduleEnds { .. }));
     let longer = |s| TrainSettings { schedule_steps: 4, learning_rate: 1e-3, ..s };
     train(folder, 4, &pairs, longer).unwrap();
-    let state = Checkpoint::read(&path(folder, 4), &Device::Cpu).unwrap().state;
+    let state = Checkpoint::read(&path(folder, 4)).unwrap().state;
     let changes = &state.history[0];
     assert_eq!(changes.after_step, 2);
     assert_eq!(changes.changes, ["learning_rate: 0.002 -> 0.001", "schedule_steps: 2 -> 4"]);
@@ -124,7 +124,7 @@ fn a_unet_needs_no_bt_net_and_has_none() {
     run(training(folder, Stage::Backtrack, 1, &pairs, &generators), &mut (), &stop).unwrap();
     let trained = run(training(folder, Stage::Separation, 1, &pairs, &unet), &mut (), &stop);
     let path = trained.unwrap().trained.unwrap().checkpoint.unwrap();
-    let checkpoint = Checkpoint::read(&path, &Device::Cpu).unwrap();
+    let checkpoint = Checkpoint::read(&path).unwrap();
     assert_eq!(checkpoint.state.origin.backtrack, None);
     assert!(checkpoint.model.keys().all(|name| name.starts_with("separation.")));
     let other = training(folder, Stage::Separation, 2, &pairs, &generators);
@@ -144,7 +144,7 @@ fn steps_equal_pytorch() {
         candle_core::safetensors::load_buffer(bytes, &Device::Cpu).unwrap();
     let settings =
         TrainSettings { schedule_steps: 20, clip_norm: 0.05, bound: 1.2, width: 3, ..settings() };
-    let mut learner = Learner::new(Stage::Separation, &settings, None, &Device::Cpu).unwrap();
+    let mut learner = Learner::new(Stage::Separation, &settings, None).unwrap();
     learner.set_model(&fixture, "").unwrap();
     let batch = Batch {
         input: fixture["input"].clone(),

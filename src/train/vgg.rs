@@ -60,7 +60,6 @@ impl Vgg {
     pub fn new(
         weights: &HashMap<String, Tensor>,
         narrow: usize,
-        device: &Device,
     ) -> std::result::Result<Self, VggError> {
         let tensor = |name: String, expected: Vec<usize>| {
             let Some(tensor) = weights.get(&name) else {
@@ -69,9 +68,9 @@ impl Vgg {
             if tensor.dims() != expected {
                 return Err(VggError::Shape { name, found: tensor.dims().to_vec(), expected });
             }
-            Ok(tensor.to_device(device)?.to_dtype(DType::F32)?)
+            Ok(tensor.to_dtype(DType::F32)?)
         };
-        Self::of(narrow, device, |place, [width, channels]| {
+        Self::of(narrow, |place, [width, channels]| {
             let kernel = tensor(format!("features.{place}.weight"), vec![width, channels, 3, 3])?;
             Ok((kernel, tensor(format!("features.{place}.bias"), vec![width])?))
         })
@@ -79,12 +78,12 @@ impl Vgg {
 
     /// Initialises kernels from a seed (He et al., standard deviation sqrt(2 / (9 channels))) and biases with 0. Random
     /// features suit the feature loss nearly as well as trained ones, but contain little semantic information.
-    pub fn random(seed: u64, narrow: usize, device: &Device) -> Result<Self> {
-        Self::of(narrow, device, |place, [width, channels]| {
+    pub fn random(seed: u64, narrow: usize) -> Result<Self> {
+        Self::of(narrow, |place, [width, channels]| {
             let deviation = (2.0 / (9 * channels) as f64).sqrt();
             let mut stream = Stream::new(seed, &format!("vgg features.{place}"));
-            let kernel = stream.normal_tensor(&[width, channels, 3, 3], deviation, device)?;
-            Ok((kernel, Tensor::zeros(width, DType::F32, device)?))
+            let kernel = stream.normal_tensor(&[width, channels, 3, 3], deviation)?;
+            Ok((kernel, Tensor::zeros(width, DType::F32, &Device::Cpu)?))
         })
     }
 
@@ -92,7 +91,6 @@ impl Vgg {
     /// its numbers of outputs and inputs.
     fn of<E: From<candle_core::Error>>(
         narrow: usize,
-        device: &Device,
         layer: impl Fn(usize, [usize; 2]) -> std::result::Result<(Tensor, Tensor), E>,
     ) -> std::result::Result<Self, E> {
         let mut channels = 3;
@@ -101,7 +99,7 @@ impl Vgg {
             convolutions.push(layer(place, [width / narrow, channels])?);
             channels = width / narrow;
         }
-        let row = |values: [f32; 3]| Tensor::new(&values, device)?.reshape((1, 3, 1, 1));
+        let row = |values: [f32; 3]| Tensor::new(&values, &Device::Cpu)?.reshape((1, 3, 1, 1));
         Ok(Self {
             convolutions,
             mean: row(MEAN)?,

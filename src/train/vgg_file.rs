@@ -31,16 +31,12 @@ pub struct Features {
 
 impl Features {
     /// Loads the feature network of `settings`. `file` holds its weights, if the settings need a file.
-    pub fn load(
-        settings: &TrainSettings,
-        file: Option<&Path>,
-        device: &Device,
-    ) -> Result<Self, FeaturesError> {
+    pub fn load(settings: &TrainSettings, file: Option<&Path>) -> Result<Self, FeaturesError> {
         let divisor = settings.vgg_divisor;
         match settings.features {
             FeatureSource::None => Ok(Self::default()),
             FeatureSource::Random => {
-                Ok(Self { vgg: Some(Vgg::random(settings.seed, divisor, device)?), blake3: None })
+                Ok(Self { vgg: Some(Vgg::random(settings.seed, divisor)?), blake3: None })
             }
             FeatureSource::File => {
                 let path = file.ok_or(FeaturesError::NoFile)?;
@@ -48,7 +44,7 @@ impl Features {
                     .map_err(|source| FeaturesError::Read { path: path.to_owned(), source })?;
                 let vgg = weights(path, &bytes)
                     .map_err(VggError::from)
-                    .and_then(|weights| Vgg::new(&weights, divisor, device))
+                    .and_then(|weights| Vgg::new(&weights, divisor))
                     .map_err(|source| FeaturesError::Weights { path: path.to_owned(), source })?;
                 Ok(Self { vgg: Some(vgg), blake3: Some(blake3::hash(&bytes).to_hex().to_string()) })
             }
@@ -118,7 +114,7 @@ mod tests {
         let settings = TrainSettings { features: FeatureSource::File, ..TrainSettings::default() };
         let refused = |pickle: &[u8]| {
             write_pth(&path, pickle);
-            let error = Features::load(&settings, Some(&path), &Device::Cpu).err().unwrap();
+            let error = Features::load(&settings, Some(&path)).err().unwrap();
             assert!(error.to_string().contains("hostile.pth"), "{error}");
             error.to_string()
         };

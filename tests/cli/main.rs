@@ -8,8 +8,6 @@
 
 mod bench;
 mod completions;
-#[cfg(feature = "train")]
-mod devices;
 mod doctor;
 mod help;
 mod json;

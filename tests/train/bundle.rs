@@ -50,10 +50,10 @@ fn a_converted_checkpoint_gives_the_outputs_of_tensorflow() {
     let given = load(include_bytes!("step.safetensors"));
     let expected = load(include_bytes!("bundle.safetensors"));
     // Verifies the digests.
-    let checkpoint = Checkpoint::read(&out, &Device::Cpu).unwrap();
+    let checkpoint = Checkpoint::read(&out).unwrap();
     assert_eq!(checkpoint.state.settings.vgg_divisor, 32);
-    let vgg = Vgg::new(&given, 32, &Device::Cpu).unwrap();
-    let separator = Separator::new(&checkpoint, Some(vgg), Some(digest), &Device::Cpu).unwrap();
+    let vgg = Vgg::new(&given, 32).unwrap();
+    let separator = Separator::new(&checkpoint, Some(vgg), Some(digest)).unwrap();
     let networks = separator.networks();
     let (image, vgg) = (&expected["image"], networks.vgg.unwrap());
     let made = networks.separation.unwrap().forward(image, &vgg.features(image).unwrap()).unwrap();

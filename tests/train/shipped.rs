@@ -15,7 +15,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
-use train::candle_core::Device;
 use train::{
     Batch, Checkpoint, ExampleSampler, Learner, PairSource, PixelSource, SceneSource, Stage,
     TupleFiles, TupleFilesError, TupleSource, code_path,
@@ -113,8 +112,8 @@ fn first_step(files: OnDemand, settings: &TrainSettings) -> String {
     let pairs = PairSource { pairs: Vec::new() };
     let sampler = ExampleSampler::new(settings, scenes, pairs, 1 << 30, stopped).unwrap();
     let examples = sampler.examples(0).unwrap();
-    let mut learner = Learner::new(Stage::Separation, settings, None, &Device::Cpu).unwrap();
-    learner.step(0, &Batch::new(&examples, &Device::Cpu).unwrap(), &mut |_| {}).unwrap();
+    let mut learner = Learner::new(Stage::Separation, settings, None).unwrap();
+    learner.step(0, &Batch::new(&examples).unwrap(), &mut |_| {}).unwrap();
     let model = train::safetensors::serialize(learner.model(), None).unwrap();
     blake3::hash(&model).to_hex().to_string()
 }

@@ -1,7 +1,6 @@
 //! `depth FOLDER`: estimates the depth of a folder's pictures.
 
 use crate::cli::args::Global;
-use crate::cli::device::DeviceArgs;
 use crate::cli::exit_code::{Exit, Failure, exit_codes, failure};
 use crate::cli::network::use_threads;
 use crate::cli::output::Output;
@@ -43,8 +42,6 @@ pub(super) struct DepthArgs {
     /// Field of view of the longer side, degrees [default: from EXIF, or 65]
     #[arg(long, value_name = "DEG", value_parser = view)]
     field_of_view: Option<f64>,
-    #[command(flatten)]
-    device: DeviceArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -114,8 +111,7 @@ pub(super) fn run(args: &DepthArgs, global: &Global, output: &Output) -> Result<
         output.show(SCHEMA, &Answer::new(args, &request, estimated, None));
         return Ok(Exit::Done);
     }
-    let device = args.device.device.open()?;
-    let net = DepthNet::new(&weights, &model.config(), args.metric, &device)
+    let net = DepthNet::new(&weights, &model.config(), args.metric)
         .map_err(|e| failure!(Exit::Failed, "{e}"))?;
     watchdog::end_promptly();
     let signals = Signals::catch();

@@ -1,7 +1,6 @@
 //! `separate IMAGES... --out DIR`: removes reflections from photographs.
 
 use crate::cli::args::Global;
-use crate::cli::device::DeviceArgs;
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::network::{Network, use_threads};
 use crate::cli::output::Output;
@@ -52,8 +51,6 @@ pub(super) struct SeparateArgs {
     /// side is 320 px, or 512 px for a U-Net
     #[arg(long, value_name = "PX", default_value_t = TILE_PX, value_parser = clap::value_parser!(u32).range(1..=16384))]
     tile_px: u32,
-    #[command(flatten)]
-    device: DeviceArgs,
 }
 
 /// Endings of the file names of T*, R~* and R*.
@@ -193,10 +190,9 @@ fn open(args: &SeparateArgs, output: &Output) -> Result<Network, Failure> {
             "{folder} is a folder, not a picture; to use its networks, give --network {folder} (--network RUN)"
         ));
     }
-    let device = args.device.device;
     match &args.network {
-        Some(network) => Network::open(network, args.features.as_deref(), device, output),
-        None => Network::shipped(device, output),
+        Some(network) => Network::open(network, args.features.as_deref(), output),
+        None => Network::shipped(output),
     }
 }
 

@@ -12,15 +12,12 @@ const LINEAR_CODE: f32 = 0.040_45;
 const LINEAR_LIGHT: f32 = 0.003_130_8;
 const OFFSET: f32 = 0.055;
 
-/// Computes the lesser of `x` and `bound`, two f32 tensors of one shape, on the CPU.
+/// Computes the lesser of `x` and `bound`, two f32 tensors of one shape.
 ///
 /// The gradient of `x` is that of the result where x <= bound. Above the bound, it is that of the result where it is
 /// positive, so that a step against the gradient moves x towards the bound, and 0 elsewhere: an output above its bound
 /// returns if that helps, and is not pushed further. `bound` gets no gradient.
 pub fn bounded(x: &Tensor, bound: &Tensor) -> Result<Tensor> {
-    if !x.device().is_cpu() {
-        candle_core::bail!("the bound of the output works on the CPU only: use --bound none");
-    }
     x.contiguous()?.apply_op2(&bound.detach().contiguous()?, Bounded)
 }
 

@@ -10,11 +10,7 @@ use rayon::prelude::*;
 ///
 /// The backward pass skips unused gradients (of frozen kernels and input images).
 pub fn conv2d(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor> {
-    if image.device().is_cpu() {
-        let image = image.contiguous()?;
-        return image.apply_op2(&kernel.contiguous()?, Convolve(window));
-    }
-    by_products(image, kernel, window)
+    image.contiguous()?.apply_op2(&kernel.contiguous()?, Convolve(window))
 }
 
 /// Computes `conv2d(image, kernel) + bias` with negative values multiplied by `slope`: 0 for ReLU, 1 for none. `bias` has
@@ -26,63 +22,8 @@ pub fn conv2d_bias_leaky(
     window: Window,
     slope: f32,
 ) -> Result<Tensor> {
-    if image.device().is_cpu() {
-        let (image, kernel, bias) = (image.contiguous()?, kernel.contiguous()?, bias.contiguous()?);
-        return image.apply_op3(&kernel, &bias, ConvolveBiasLeaky(window, slope));
-    }
-    let biased =
-        by_products(image, kernel, window)?.broadcast_add(&bias.reshape((1, (), 1, 1))?)?;
-    // candle's relu has the gradient 1 at 0.
-    let positive = biased.gt(0.0)?.to_dtype(biased.dtype())?;
-    let factor = positive.affine(f64::from(1.0 - slope), f64::from(slope))?;
-    biased * factor
-}
-
-/// Computes [`conv2d`] for devices other than the CPU, as one candle matrix product per kernel pixel. The gradients of
-/// candle's own convolution are wrong or slow.
-pub(super) fn by_products(image: &Tensor, kernel: &Tensor, window: Window) -> Result<Tensor> {
-    let sizes = Sizes::new(image.dims(), kernel.dims(), window)?;
-    let [rows, columns] = sizes.out;
-    let padded = image.pad_with_zeros(2, window.padding, window.padding)?.pad_with_zeros(
-        3,
-        window.padding,
-        window.padding,
-    )?;
-    let mut sum: Option<Tensor> = None;
-    for y in 0..sizes.kernel[0] {
-        for x in 0..sizes.kernel[1] {
-            let seen = every(&padded, 2, y * window.dilation, window.stride, rows)?;
-            let seen = every(&seen, 3, x * window.dilation, window.stride, columns)?;
-            let seen =
-                seen.contiguous()?.reshape((sizes.batch, sizes.channels_in, rows * columns))?;
-            let weights = kernel.narrow(2, y, 1)?.narrow(3, x, 1)?;
-            let weights = weights.reshape((1, sizes.channels_out, sizes.channels_in))?;
-            let part = weights.contiguous()?.broadcast_matmul(&seen)?;
-            sum = Some(match sum {
-                None => part,
-                Some(sum) => (sum + part)?,
-            });
-        }
-    }
-    let sum =
-        sum.ok_or_else(|| candle_core::Error::Msg("conv2d: the kernel is empty".to_owned()))?;
-    sum.reshape((sizes.batch, sizes.channels_out, rows, columns))
-}
-
-/// Selects `count` slices along a dimension: `first` and every `step`-th slice after it.
-fn every(
-    tensor: &Tensor,
-    dimension: usize,
-    first: usize,
-    step: usize,
-    count: usize,
-) -> Result<Tensor> {
-    if step == 1 {
-        return tensor.narrow(dimension, first, count);
-    }
-    let places: Vec<u32> = (0..count).map(|k| (first + k * step) as u32).collect();
-    let places = Tensor::new(places, tensor.device())?;
-    tensor.index_select(&places, dimension)
+    let (image, kernel, bias) = (image.contiguous()?, kernel.contiguous()?, bias.contiguous()?);
+    image.apply_op3(&kernel, &bias, ConvolveBiasLeaky(window, slope))
 }
 
 struct Convolve(Window);

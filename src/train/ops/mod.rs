@@ -1,18 +1,17 @@
 //! Tensor operations that candle computes slowly, with wrong gradients or not at all: convolution, pooling, resizing,
-//! norm with leaky ReLU, absolute value, mean absolute differences, changes of size by 2, bounds.
+//! norm with leaky ReLU, absolute value, mean absolute differences, bounds.
 //!
 //! ```text
-//! matrix.rs    matrix products by the gemm crate            convolve.rs   convolution op: tensors, gradients, fallback
+//! matrix.rs    matrix products by the gemm crate            convolve.rs   convolution op: tensors, gradients
 //! window.rs    unfolding of the pixels under a kernel       pool.rs       2 x 2 max pooling
 //! kernel.rs    convolution and its two gradients on slices  resize.rs     bilinear resizing
 //! difference.rs   |x|, mean absolute difference             norm.rs       batch norm and leaky ReLU
-//! halve.rs     changes of size by 2                         bound.rs      bound of an output by its input
+//! halve.rs     2 x 2 mean pooling                           bound.rs      bound of an output by its input
 //! slope.rs     mean absolute difference of slopes           direct.rs     3 x 3 convolutions for unet_op.rs, on lanes.rs
 //! image.rs     images and kernels of direct.rs              buffers.rs    memory of images
 //! ```
 //!
-//! On the CPU, the order of sums does not depend on the number of threads. Other devices use candle operations with
-//! correct gradients.
+//! The order of sums does not depend on the number of threads.
 
 mod bound;
 pub(crate) mod buffers;
@@ -26,6 +25,8 @@ mod lanes;
 mod matrix;
 mod norm;
 mod pool;
+#[cfg(test)]
+pub(crate) mod reference;
 mod resize;
 mod slope;
 mod window;
@@ -33,7 +34,7 @@ mod window;
 pub use bound::{bounded, brightened};
 pub use convolve::{conv2d, conv2d_bias_leaky};
 pub use difference::{absolute, mean_absolute_difference};
-pub use halve::{double_and_join, mean_pool2, pad_to_multiple, shuffle2, unshuffle2};
+pub use halve::mean_pool2;
 pub use matrix::{Mat, MatMut, product};
 pub use norm::{NormOptions, channel_statistics, norm_act};
 pub use pool::max_pool2;

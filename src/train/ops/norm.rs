@@ -25,29 +25,7 @@ pub fn norm_act(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Resu
             coefficients.dims()
         );
     }
-    if x.device().is_cpu() {
-        return x.contiguous()?.apply_op2(&coefficients.contiguous()?, NormAct(options));
-    }
-    plain(x, coefficients, options)
-}
-
-/// Computes [`norm_act`] from candle operations with correct gradients.
-pub(super) fn plain(x: &Tensor, coefficients: &Tensor, options: NormOptions) -> Result<Tensor> {
-    let (batch, channels, rows, columns) = x.dims4()?;
-    let pixels = batch * rows * columns;
-    let flat = x.transpose(0, 1)?.contiguous()?.reshape((channels, pixels))?;
-    let centred = flat.broadcast_sub(&flat.mean_keepdim(1)?)?;
-    let deviation = (centred.sqr()?.mean_keepdim(1)? + options.epsilon)?.sqrt()?;
-    let normed = centred.broadcast_div(&deviation)?;
-    let coefficient = |row: usize| coefficients.narrow(0, row, 1)?.reshape((channels, 1));
-    let z = flat
-        .broadcast_mul(&coefficient(0)?)?
-        .add(&normed.broadcast_mul(&coefficient(1)?)?)?
-        .broadcast_add(&coefficient(2)?)?;
-    let steep = z.gt(0.0)?.to_dtype(z.dtype())?;
-    let slope = ((steep * (1.0 - f64::from(options.slope)))? + f64::from(options.slope))?;
-    let out = (z * slope)?.reshape((channels, batch, rows, columns))?;
-    out.transpose(0, 1)?.contiguous()
+    x.contiguous()?.apply_op2(&coefficients.contiguous()?, NormAct(options))
 }
 
 /// Returns the means and the scales `1 / sqrt(variance + epsilon)` of the channels of a tensor (batch, channels, rows,

@@ -6,27 +6,9 @@ use rayon::prelude::*;
 
 /// Returns the 2 x 2 px maxima of a (batch, channels, rows, columns) f32 tensor; ignores an odd last row or column.
 ///
-/// On the CPU, the gradient goes to the first largest pixel, as in PyTorch (candle's gradient is four times too small).
+/// The gradient goes to the first largest pixel, as in PyTorch (candle's gradient is four times too small).
 pub fn max_pool2(image: &Tensor) -> Result<Tensor> {
-    if image.device().is_cpu() {
-        return image.contiguous()?.apply_op1(MaxPool2);
-    }
-    plain(image)
-}
-
-/// Computes [`max_pool2`] from candle operations with correct gradients.
-pub(super) fn plain(image: &Tensor) -> Result<Tensor> {
-    let (batch, channels, rows, columns) = image.dims4()?;
-    let even = image.narrow(2, 0, rows / 2 * 2)?.narrow(3, 0, columns / 2 * 2)?;
-    let split = even
-        .contiguous()?
-        .reshape((batch * channels, rows / 2, 2, columns / 2, 2))?
-        .permute((0, 1, 3, 2, 4))?
-        .contiguous()?
-        .reshape((batch * channels * (rows / 2) * (columns / 2), 4))?;
-    // The index is constant, so the gradient flows to the gathered pixel.
-    let place = split.argmax_keepdim(1)?;
-    split.gather(&place, 1)?.reshape((batch, channels, rows / 2, columns / 2))
+    image.contiguous()?.apply_op1(MaxPool2)
 }
 
 struct MaxPool2;

@@ -1,7 +1,7 @@
 //! Bilinear resizing and its gradient.
 
 use super::values;
-use candle_core::{CpuStorage, CustomOp1, Device, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor};
 use rayon::prelude::*;
 
 /// Positions of pixels in a resized image.
@@ -32,28 +32,7 @@ pub fn bilinear_at(
     if [from_rows, from_columns] == [rows, columns] {
         return Ok(image.clone());
     }
-    if image.device().is_cpu() {
-        return image.contiguous()?.apply_op1(Resize { to: [rows, columns], sampling });
-    }
-    plain(image, rows, columns, sampling)
-}
-
-/// Computes [`bilinear`] as two candle matrix products, for devices other than the CPU.
-pub(super) fn plain(
-    image: &Tensor,
-    rows: usize,
-    columns: usize,
-    sampling: Sampling,
-) -> Result<Tensor> {
-    let (batch, channels, from_rows, from_columns) = image.dims4()?;
-    let planes = batch * channels;
-    let across = matrix(from_columns, columns, sampling, image.device())?.t()?.contiguous()?;
-    let down = matrix(from_rows, rows, sampling, image.device())?;
-    let wide = image.contiguous()?.reshape((planes * from_rows, from_columns))?.matmul(&across)?;
-    let turned = wide.reshape((planes, from_rows, columns))?.transpose(0, 1)?.contiguous()?;
-    let high = down.matmul(&turned.reshape((from_rows, planes * columns))?)?;
-    let high = high.reshape((rows, planes, columns))?.transpose(0, 1)?.contiguous()?;
-    high.reshape((batch, channels, rows, columns))
+    image.contiguous()?.apply_op1(Resize { to: [rows, columns], sampling })
 }
 
 /// Returns the two neighbours of each of `to` pixels among `from` pixels of a line, and the weight of the second.
@@ -70,16 +49,6 @@ fn taps(from: usize, to: usize, sampling: Sampling) -> Vec<(usize, usize, f32)> 
         (first, (first + 1).min(from - 1), (at - first as f64) as f32)
     };
     (0..to).map(tap).collect()
-}
-
-/// Returns the weights of [`taps`] as a (to, from) matrix.
-fn matrix(from: usize, to: usize, sampling: Sampling, device: &Device) -> Result<Tensor> {
-    let mut weights = vec![0.0f32; to * from];
-    for (place, (first, second, weight)) in taps(from, to, sampling).into_iter().enumerate() {
-        weights[place * from + first] += 1.0 - weight;
-        weights[place * from + second] += weight;
-    }
-    Tensor::from_vec(weights, (to, from), device)
 }
 
 struct Resize {

@@ -6,7 +6,7 @@ use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tenso
 use rayon::prelude::*;
 
 /// Computes the mean of |slope of (a - b)| along rows plus the mean along columns, of f32 tensors (batch, channels, rows,
-/// columns) with two or more rows and columns. On the CPU, sums are f64. The gradient is 0 where the slopes are equal.
+/// columns) with two or more rows and columns. Sums are f64. The gradient is 0 where the slopes are equal.
 pub fn mean_slope_difference(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     let (_, _, rows, columns) = a.dims4()?;
     if rows < 2 || columns < 2 || a.dims() != b.dims() {
@@ -16,21 +16,7 @@ pub fn mean_slope_difference(a: &Tensor, b: &Tensor) -> Result<Tensor> {
             b.dims()
         );
     }
-    if !a.device().is_cpu() {
-        return plain(a, b);
-    }
     a.contiguous()?.apply_op2(&b.detach().contiguous()?, Slopes)
-}
-
-/// Computes [`mean_slope_difference`] from candle operations.
-pub(super) fn plain(a: &Tensor, b: &Tensor) -> Result<Tensor> {
-    let difference = (a - b.detach())?;
-    let along = |dimension: usize| -> Result<Tensor> {
-        let last = difference.dim(dimension)? - 1;
-        let next = difference.narrow(dimension, 1, last)?;
-        super::absolute(&(next - difference.narrow(dimension, 0, last)?)?)?.mean_all()
-    };
-    along(3)? + along(2)?
 }
 
 /// Returns the numbers of slopes along rows and along columns.

@@ -3,7 +3,6 @@
 use crate::bench::{TrainBench, TrainStep, cpu_name, on_cpu};
 use crate::cli::args::Global;
 use crate::cli::commands::train::NetworkName;
-use crate::cli::device::{DeviceArgs, DeviceName};
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::network::use_threads;
 use crate::cli::output::{Output, as_map};
@@ -37,8 +36,6 @@ pub(super) struct BenchTrainArgs {
     /// Steps after the first, which is a warm-up
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=10000))]
     steps: u32,
-    #[command(flatten)]
-    device: DeviceArgs,
 }
 
 const SCHEMA: &str = "glasshouse.bench_train/1";
@@ -80,10 +77,9 @@ pub(super) fn run(
         return Ok(Exit::Done);
     }
     let threads = use_threads(global);
-    let device = args.device.device.open()?;
     let failed = |e: train::candle_core::Error| Failure::new(Exit::Failed, e);
     let progress = Progress::new(global, "steps", u64::from(args.steps) + 1);
-    let mut bench = TrainBench::new(&settings, args.size as usize, &device).map_err(failed)?;
+    let mut bench = TrainBench::new(&settings, args.size as usize).map_err(failed)?;
     let mut steps = Vec::new();
     // The first step is a warm-up.
     for step in 0..=args.steps {
@@ -122,7 +118,6 @@ pub(super) fn run(
         network: settings.network,
         features: settings.features,
         threads,
-        device: args.device.device,
         cpu: cpu_name(),
     };
     output.show(SCHEMA, &report);
@@ -158,7 +153,6 @@ struct Report {
     network: NetworkKind,
     features: FeatureSource,
     threads: usize,
-    device: DeviceName,
     cpu: Option<String>,
 }
 
@@ -172,17 +166,13 @@ impl fmt::Display for Report {
         let peak = self.peak_memory_bytes;
         write!(
             f,
-            "one step, {size} x {size} px, batch {batch}, width {width}, {threads} threads{cpu}{gpu}: {cpu_s:.3} CPU s (best of {n}; median {median:.3}), \
+            "one step, {size} x {size} px, batch {batch}, width {width}, {threads} threads{cpu}: {cpu_s:.3} CPU s (best of {n}; median {median:.3}), \
              {wall:.3} s, {images_per_s:.2} images/s, {parameters} parameters, peak memory {peak}\n{table}",
             size = self.size_px,
             batch = self.batch,
             width = self.width,
             threads = self.threads,
             cpu = on_cpu(),
-            gpu = match self.device {
-                DeviceName::Cpu => String::new(),
-                device @ DeviceName::Cuda(_) => format!(", networks on {device}"),
-            },
             cpu_s = self.step_cpu_seconds,
             n = self.steps,
             median = self.step_cpu_seconds_median,

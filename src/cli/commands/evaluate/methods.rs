@@ -122,21 +122,21 @@ fn networks(args: &EvaluateArgs, output: &Output) -> Result<Vec<NamedNetwork>, F
             places.push((None, run.to_owned()));
         }
     }
-    let (features, device) = (args.features.as_deref(), args.device.device);
+    let features = args.features.as_deref();
     let mut networks = Vec::new();
     if args.checkpoints.is_empty() && run.is_none() {
-        networks.push(NamedNetwork::new(Some(SHIPPED), Network::shipped(device, output)?));
+        networks.push(NamedNetwork::new(Some(SHIPPED), Network::shipped(output)?));
     }
     for (name, path) in places {
         // A run may have several trainings, which keep their own names.
         let of_run = if name.is_none() && is_run(&path) { trainings(&path)? } else { Vec::new() };
         if of_run.len() > 1 {
             for training in of_run {
-                let network = Network::open(&training.folder, features, device, output)?;
+                let network = Network::open(&training.folder, features, output)?;
                 networks.push(NamedNetwork::new(training.name.as_deref(), network));
             }
         } else {
-            let network = Network::open(&path, features, device, output)?;
+            let network = Network::open(&path, features, output)?;
             let of_path = name.map(str::to_owned).or_else(|| training_name(&path));
             networks.push(NamedNetwork::new(of_path.as_deref(), network));
         }

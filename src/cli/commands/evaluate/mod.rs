@@ -6,7 +6,6 @@ mod place;
 
 use crate::cli::args::{Global, SplitName};
 use crate::cli::commands::train::PixelName;
-use crate::cli::device::DeviceArgs;
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::network::use_threads;
 use crate::cli::output::Output;
@@ -79,8 +78,6 @@ pub(super) struct EvaluateArgs {
     /// [default: whole pictures]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     tile_px: Option<u32>,
-    #[command(flatten)]
-    device: DeviceArgs,
     /// Store of the run's tuples, if they are not in its folder
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
     store: Option<String>,
@@ -125,7 +122,6 @@ impl EvaluateArgs {
             limit: None,
             features: None,
             tile_px: None,
-            device: DeviceArgs::default(),
             store: None,
         }
     }

@@ -5,7 +5,6 @@ mod settings;
 pub(super) use settings::{NetworkName, PixelName};
 
 use crate::cli::args::{Global, RootArgs, bytes_of_gb};
-use crate::cli::device::DeviceArgs;
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::network::{checkpoint, use_threads, weights_file};
 use crate::cli::output::Output;
@@ -23,7 +22,6 @@ use std::num::NonZeroU64;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use train::candle_core::Device;
 use train::{self, StepLosses, TrainSummary, Training, Validated, Watcher};
 
 /// Default number of checkpoints to keep.
@@ -72,8 +70,6 @@ pub(super) struct TrainArgs {
     /// Memory for cached examples, GB; a data set that fits is read once
     #[arg(long, value_name = "GB", default_value_t = MEMORY_GB)]
     memory_gb: f64,
-    #[command(flatten)]
-    device: DeviceArgs,
     /// Store of the run's tuples, if they are not in its folder
     #[arg(long, value_name = "URL", env = "GLASSHOUSE_STORE")]
     store: Option<String>,
@@ -130,7 +126,6 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
             None => recipe.as_ref().and_then(|recipe| recipe.features.clone()),
             typed => weights_file(typed).map(Path::to_owned),
         },
-        device: args.device.device.open()?,
         checkpoint_every: args.checkpoint_every.or(checkpoint_every.map(NonZeroU64::get)),
         keep: args.keep,
         validate: args.validate,
@@ -191,7 +186,6 @@ pub(super) fn training_of<'a>(
         select: None,
         settings,
         features: None,
-        device: Device::Cpu,
         checkpoint_every: None,
         keep: KEEP,
         validate: VALIDATE,
