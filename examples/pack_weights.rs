@@ -1,4 +1,5 @@
-//! Makes the weights that ship with the program from a checkpoint: half floats, and the checkpoint's state.
+//! Makes a small checkpoint with weights alone, as half floats, such as that which ships with the program. `separate` and
+//! `evaluate` read it; no training resumes from it.
 //!
 //! ```text
 //! cargo run --release --example pack_weights -- RUN/train/NAME/separation/step-0012000 src/train/weights
@@ -15,19 +16,20 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [checkpoint, folder] = &arguments[..] else {
         return Err(
-            "give the folder of a checkpoint and the folder for unet.safetensors and unet.json"
+            "give the folder of a checkpoint and the folder for model.safetensors and state.json"
                 .into(),
         );
     };
     let bytes = pack(Path::new(checkpoint), Path::new(folder))?;
-    println!("{folder}/unet.safetensors has {bytes} bytes");
+    println!("{folder}/model.safetensors has {bytes} bytes");
     Ok(())
 }
 
 /// Writes both files and returns the size of the weights, bytes.
 pub(crate) fn pack(checkpoint: &Path, folder: &Path) -> Result<usize, Box<dyn Error>> {
+    atomic_file::create_dir(folder)?;
     let [weights, state] = Checkpoint::read(checkpoint)?.packed()?;
-    atomic_file::write(&folder.join("unet.safetensors"), &weights)?;
-    atomic_file::write(&folder.join("unet.json"), &state)?;
+    atomic_file::write(&folder.join("model.safetensors"), &weights)?;
+    atomic_file::write(&folder.join("state.json"), &state)?;
     Ok(weights.len())
 }

@@ -82,7 +82,7 @@ pub struct CheckpointState {
     pub code_path: String,
     /// Mean PSNR of the outputs for the validation scenes, dB; `None` without validation scenes.
     pub validation_psnr_db: Option<f64>,
-    /// BLAKE3 digests of the other two files, by name.
+    /// BLAKE3 digests of the other files, by name.
     pub files: BTreeMap<String, String>,
 }
 
@@ -246,14 +246,19 @@ impl Checkpoint {
         self.state.files.get(MODEL).cloned()
     }
 
-    /// Reads a checkpoint, and verifies the digests of its files and that every value is finite.
+    /// Reads a checkpoint, and verifies the digests of its files and that every value is finite. One without a digest of
+    /// `optimizer.safetensors` holds weights alone: networks work, but no training resumes from it.
     pub fn read(path: &Path) -> Result<Self, CheckpointError> {
         let damaged = |reason: String| CheckpointError::Damaged { path: path.to_owned(), reason };
         let file = |name: &str| {
             render::input_file::read(&path.join(name)).map_err(|e| damaged(format!("{name}: {e}")))
         };
         let (state, model) = read_model(path, &file(STATE)?, &file(MODEL)?)?;
-        let moments = read_tensors(&state, OPTIMIZER, &file(OPTIMIZER)?).map_err(damaged)?;
+        let moments = if state.files.contains_key(OPTIMIZER) {
+            read_tensors(&state, OPTIMIZER, &file(OPTIMIZER)?).map_err(damaged)?
+        } else {
+            HashMap::new()
+        };
         Ok(Self { path: path.to_owned(), model, moments, state })
     }
 

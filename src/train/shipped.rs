@@ -9,10 +9,10 @@ use std::path::Path;
 pub const SHIPPED: &str = "shipped";
 
 /// The networks' weights, half floats.
-const WEIGHTS: &[u8] = include_bytes!("weights/unet.safetensors");
+const WEIGHTS: &[u8] = include_bytes!("weights/model.safetensors");
 
 /// The state of the checkpoint that the weights come from, with the digest of [`WEIGHTS`].
-const STATE: &[u8] = include_bytes!("weights/unet.json");
+const STATE: &[u8] = include_bytes!("weights/state.json");
 
 impl Checkpoint {
     /// Returns the weights that ship with the program, without an optimiser's state.
@@ -20,7 +20,7 @@ impl Checkpoint {
         Self::of_model(Path::new(SHIPPED), STATE, WEIGHTS)
     }
 
-    /// Returns the model as half floats, and the state with its digest: the contents of the shipped files.
+    /// Returns the model as half floats, and the state with its digest: the files of a checkpoint with weights alone.
     pub fn packed(&self) -> Result<[Vec<u8>; 2], CheckpointError> {
         let damaged = |reason| CheckpointError::Damaged { path: self.path.clone(), reason };
         let half =
@@ -51,6 +51,10 @@ mod tests {
         assert!(shipped.state.origin.vgg_blake3.is_none());
         assert!(shipped.state.origin.real_files_blake3.is_none());
         Separator::new(&shipped, None, None).unwrap();
+        // The folder of these files is a checkpoint with weights alone.
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights");
+        let read = Checkpoint::read(&folder).unwrap();
+        assert_eq!((&read.state, read.moments.len()), (&shipped.state, 0));
         // Packing halves again changes nothing.
         let [weights, state] = shipped.packed().unwrap();
         assert!(weights == WEIGHTS);
