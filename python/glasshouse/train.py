@@ -275,8 +275,10 @@ def main() -> int:
     parser.add_argument("--checkpoint-every", type=int, help="steps between checkpoints [a twentieth, 10 to 1000]")
     parser.add_argument("--memory-gb", type=float, default=2.0, help="memory for the run's tuples, in each process [2]")
     parser.add_argument(
-        "--export", type=Path, help="the run's export in the format of safetensors, for composed examples: it is mapped"
-        " into memory, which all processes share, in place of the run's tuples"
+        "--export",
+        type=Path,
+        help="the run's export in the format of safetensors, for composed examples: it is mapped"
+        " into memory, which all processes share, in place of the run's tuples",
     )
     options = parser.parse_args()
     stop, caught = threading.Event(), list[int]()
