@@ -285,7 +285,13 @@ def main() -> int:
 
     def examples(run: Path, settings: Settings) -> ExampleSource:
         memory_mb = int(options.memory_gb * 1000)
-        return glasshouse.Examples(options.export or run, settings, memory_mb=memory_mb)
+        of_run = glasshouse.Examples(run, settings, memory_mb=memory_mb)
+        if options.export is None:
+            return of_run
+        exported = glasshouse.Examples(options.export, settings, memory_mb=memory_mb)
+        if exported.scenes_blake3 != of_run.scenes_blake3:
+            raise TrainError(f"{options.export} does not have the train scenes of {run}: export the run again", 5)
+        return exported
 
     def catch(number: int, _frame: object) -> None:
         caught.append(number)
@@ -311,9 +317,9 @@ def main() -> int:
             stop=stop,
             examples=examples,
         )
-    except TrainError as error:
+    except (TrainError, glasshouse.GlasshouseError) as error:
         print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
+        return error.exit_code if isinstance(error, TrainError) else 4
     finally:
         if process_count() > 1:
             dist.destroy_process_group()

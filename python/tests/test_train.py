@@ -334,6 +334,14 @@ def test_a_training_from_an_export_has_the_same_bits(lesson: Path, tmp_path: Pat
         subprocess.run([sys.executable, *MODULE, str(folder), *more], check=True, env=environment)
     assert newest(run, stage).state == newest(copy, stage).state
     assert train(run, stage, 4) == 4
+    # An export of other scenes, and one that is missing.
+    (tmp_path / "other.toml").write_text(RECIPE.replace("seed = 11", "seed = 12"))
+    rust("run", tmp_path / "other.toml", "--out", tmp_path / "other", "-q")
+    rust("export", tmp_path / "other", "--format", "safetensors", "--out", tmp_path / "foreign", "-q")
+    for source, code, text in (("foreign", 5, "does not have the train scenes"), ("missing", 4, "cannot read")):
+        more = ["--stage", stage, "--steps", "5", "--export", str(tmp_path / source)]
+        done = subprocess.run([sys.executable, *MODULE, str(run), *more], capture_output=True, text=True)
+        assert done.returncode == code and text in done.stderr and "Traceback" not in done.stderr, done.stderr
 
 
 def test_a_stop_flag_and_a_busy_folder(lesson: Path, tmp_path: Path) -> None:

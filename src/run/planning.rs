@@ -137,12 +137,7 @@ pub(crate) fn plan_run(
     if let Some(Err(error)) = begun.take_if(|begun| begun.is_err()) {
         return Err(error);
     }
-    let drafted = drafted.inspect_err(|_| {
-        if let Some(Ok(Begun { is_new: true, .. })) = &begun {
-            // Previews wrote pictures into a folder that this call made.
-            let _ = std::fs::remove_dir_all(out);
-        }
-    })?;
+    let drafted = drafted?;
     let manifest = to_jsonl(&drafted.lines);
     let tile_px = options
         .tile_px
@@ -171,17 +166,19 @@ pub(crate) fn plan_run(
     }
     let is_whole = existing.is_some() && drafted.to_make.iter().all(|made| made.is_written(out));
     if !options.dry_run && !is_whole {
-        let lock = match begun {
-            Some(begun) => begun?.lock,
-            None if existing.is_some() => lock(out)?,
-            None => begin(source, out)?.lock,
+        let mut begun = match begun {
+            Some(begun) => begun?,
+            None if existing.is_some() => Begun { lock: lock(out)?, made: None },
+            None => begin(source, out)?,
         };
+        // From now on the folder stays, and a later planning continues in it.
+        begun.made = None;
         let on_picture = |done, all| on_progress("pictures", done, all);
         make_inputs(out, &drafted.to_make, options.threads, &on_picture)?;
         if existing.is_none() {
             write_plan(out, &drafted, &manifest, &spec, options.training)?;
         }
-        if !lock.is_in_place() {
+        if !begun.lock.is_in_place() {
             return Err(RunError::Changed { path: out.join(keys::LOCK) }.into());
         }
     }
@@ -196,17 +193,27 @@ fn has_absolute_paths(line: &SceneLine) -> bool {
     line.paths().into_iter().any(|(_, path)| Path::new(path).is_absolute())
 }
 
-/// The folder of a run that is being planned.
+/// The locked folder of a run that is being planned. Planning that fails before it writes the plan removes the folder,
+/// with the pictures of its previews, if it made it.
 struct Begun {
     lock: FolderLock,
-    /// True if this planning made the folder.
-    is_new: bool,
+    /// The folder, if this planning made it and may still remove it.
+    made: Option<PathBuf>,
+}
+
+impl Drop for Begun {
+    fn drop(&mut self) {
+        if let Some(folder) = &self.made {
+            // Files that stay cost their space; the next planning continues with them.
+            let _ = std::fs::remove_dir_all(folder);
+        }
+    }
 }
 
 /// Locks the folder of a new run, makes it if it is missing, and removes what a killed planning left unfinished.
 fn begin(source: &Path, out: &Path) -> Result<Begun, PlanError> {
     check_folder(source, out)?;
-    let is_new = !out.exists();
+    let made = (!out.exists()).then(|| out.to_owned());
     atomic_file::create_dir(out)?;
     let lock = lock(out)?;
     if out.join(keys::SPEC).exists() {
@@ -216,7 +223,7 @@ fn begin(source: &Path, out: &Path) -> Result<Begun, PlanError> {
     // Depth 5 covers the input folders of DIODE: source / train / indoors / scene / scan.
     atomic_file::sweep(out, 0, &is_temporary);
     atomic_file::sweep(&out.join(keys::INPUTS), 5, &is_temporary);
-    Ok(Begun { lock, is_new })
+    Ok(Begun { lock, made })
 }
 
 /// Refuses a folder without a run if planning would overwrite the source or, unless an earlier planning was killed
