@@ -302,6 +302,10 @@ def main() -> int:
     if int(os.environ.get("WORLD_SIZE", "1")) > 1:
         if options.device == "cuda":
             torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
+        # The default arguments of this module hold the process group if the first step imports it: then gloo's threads
+        # outlive the group, and may abort the process at its exit.
+        from torch.distributed.nn import functional as _functional  # noqa: F401
+
         dist.init_process_group("nccl" if options.device == "cuda" else "gloo")
     try:
         step = train(
