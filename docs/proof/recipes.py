@@ -74,6 +74,17 @@ def without_pane():
     ]
 
 
+def explored():
+    """Returns rows added after a look at the deciding ones: reflections as blurred as those of mixtures; sharp mixtures."""
+    composition = SETTINGS["composition"]
+    blurred = {**composition, "rough": 1, "rough_px": [0.5, 5]}
+    sharp = {**composition, "mixture": {"blur_px": [0, 0.01]}}
+    return [
+        training("composed-blurred", [1, 2, 3], 100_000, composition=blurred),
+        training("linear-sharp", [1, 2, 3], 100_000, examples="linear_mixtures", composition=sharp),
+    ]
+
+
 def a_priori(is_on):
     """Returns the paper's networks with or without the gradients of the a priori loss."""
     settings = {"network": "generator", "bound": 0.0, "a_priori": is_on, "crop_px": 64, "learning_rate": 1e-3}
@@ -83,7 +94,7 @@ def a_priori(is_on):
 
 def sets(windows, paper, wild):
     """Yields the name of each set of tuples and its recipe."""
-    yield "windows", windows | {"train": [*deciding(), *without_pane(), a_priori(True), a_priori(False)]}
+    yield "windows", windows | {"train": [*deciding(), *without_pane(), a_priori(True), a_priori(False), *explored()]}
     others = {
         "paper": {**windows, "camera": paper["camera"], "glass": paper["glass"], "cover": None},
         "wild": {**windows, **{key: wild[key] for key in ("camera", "glass", "front", "back")}, "cover": None},
