@@ -193,8 +193,8 @@ fn has_absolute_paths(line: &SceneLine) -> bool {
     line.paths().into_iter().any(|(_, path)| Path::new(path).is_absolute())
 }
 
-/// The locked folder of a run that is being planned. Planning that fails before it writes the plan removes the folder,
-/// with the pictures of its previews, if it made it.
+/// The locked folder of a run that is being planned. Planning that fails while it draws scenes removes the folder, with
+/// the pictures of its previews, if it made it.
 struct Begun {
     lock: FolderLock,
     /// The folder, if this planning made it and may still remove it.
