@@ -17,6 +17,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import dropwhile
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -40,6 +41,8 @@ from glasshouse.networks import mean_of_processes, process_count
 
 # Number of steps whose examples are read ahead.
 AHEAD = 8
+# Loss of a step over the median of all steps from which a step counts as a jump.
+JUMP = 10
 # Settings of the architecture, which the separation stage inherits from the backtrack stage.
 OF_NETWORKS = ("features", "feature_style", "network", "vgg_divisor", "width", "start")
 
@@ -198,6 +201,18 @@ def unlocked() -> Iterator[None]:
     yield
 
 
+def warning_of_jumps(losses: list[float]) -> str | None:
+    """Returns a warning if the losses of steps, all finite, jump, the sign of an unstable training."""
+    median = sorted(losses)[len(losses) // 2] if losses else 0.0
+    # A long training begins with losses far above its median.
+    after_start = dropwhile(lambda loss: loss > median, losses)
+    jumps = [loss for loss in after_start if loss > JUMP * median]
+    if not jumps:
+        return None
+    found = f"exceeds {JUMP} times its median, {median:.3f}, in {len(jumps)} of {len(losses)} steps"
+    return f"the loss {found}, and reaches {max(jumps):.3f}; a smaller learning rate may help"
+
+
 class Session:
     """The steps of one call, with its logs and checkpoints."""
 
@@ -217,7 +232,7 @@ class Session:
 
     def run(self, batches: Iterator[Mapping[str, Any]], steps: int, every: int | None, stop: threading.Event) -> int:
         """Trains until step `steps` or until a process's `stop` is set; returns the last step."""
-        learner, told = self.learner, time.monotonic()
+        learner, told, totals = self.learner, time.monotonic(), list[float]()
         every = every or min(1000, max(10, steps // 20))
         while learner.steps < steps and not self._is_stopped(stop):
             begin = time.monotonic()
@@ -233,6 +248,7 @@ class Session:
             if not math.isfinite(losses.total):
                 text = f"the loss of step {learner.steps} is {losses.total}; earlier checkpoints stay."
                 raise TrainError(f"{text} A smaller learning rate may help")
+            totals.append(losses.total)
             now = time.monotonic()
             if self.metrics:
                 self.metrics.add(learner.steps, losses, now - begin)
@@ -243,6 +259,8 @@ class Session:
                 self.write()
         if learner.steps > 0:
             self.write()
+        if is_first() and (warning := warning_of_jumps(totals)):
+            print(f"warning: {warning}", file=sys.stderr)
         return learner.steps
 
     def _is_stopped(self, stop: threading.Event) -> bool:

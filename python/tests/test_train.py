@@ -479,3 +479,11 @@ def test_two_processes_equal_one(lesson: Path, tmp_path: Path, kind: str) -> Non
     worst = max(found, key=lambda name: found[name])
     print(f"two processes, {kind}: the largest relative difference is {found[worst]:.1e} ({worst})")
     assert found[worst] < 1e-5
+
+
+def test_jumps_of_the_loss_are_reported() -> None:
+    losses = [2000.0] + [0.1] * 48 + [0.9]
+    assert trainer.warning_of_jumps([]) is None
+    assert trainer.warning_of_jumps(losses) is None
+    losses[3], losses[49] = 1.5, 600.0
+    assert "median, 0.100, in 2 of 50 steps, and reaches 600.000;" in (trainer.warning_of_jumps(losses) or "")

@@ -12,6 +12,7 @@
 //! discriminator     conditional PatchGAN                inference     networks on images of any size
 //! loss, adam        losses and optimiser                separator     the networks of a checkpoint
 //! work_size         networks at another size than the picture's
+//! jumps             warning of jumps of the loss
 //! random            tensors of random numbers           initial       weights of new networks
 //! scoring, evaluation    scores of networks on pictures    validation    scores of a training's networks
 //! similarity        rendered pictures and mixtures beside a camera's picture
@@ -37,6 +38,7 @@ mod generator;
 mod grid;
 mod inference;
 mod initial;
+mod jumps;
 mod learner;
 mod learner_losses;
 mod logs;

@@ -7,6 +7,7 @@ use super::checkpoint::{
 use super::checks::{Checks, ChosenOn, MOST_SHOWN};
 use super::error::TrainError;
 use super::grid::{Grid, picture_grid};
+use super::jumps::warning_of_jumps;
 use super::learner::{Learner, StepLosses};
 use super::logs::{Logged, Logs};
 use super::validation::{Validated, Validation};
@@ -184,7 +185,7 @@ impl Session {
     ) -> Result<Trained, TrainError> {
         atomic_file::create_dir(&self.folder)?;
         let mut logs = Logs::open(&self.folder, self.step)?;
-        let (mut taken, mut loss, mut busy_s) = (0, None, 0.0);
+        let (mut totals, mut busy_s) = (Vec::new(), 0.0);
         let mut stopped = false;
         while self.step < schedule.until {
             let clock = Instant::now();
@@ -218,8 +219,7 @@ impl Session {
                 return Err(TrainError::NotFinite { step: self.step + 1, loss: losses.total });
             }
             self.step += 1;
-            taken += 1;
-            loss = Some(losses.total);
+            totals.push(losses.total);
             let wall_s = clock.elapsed().as_secs_f64();
             busy_s += wall_s;
             let is_due = self.step.is_multiple_of(schedule.checkpoint_every.max(1))
@@ -242,12 +242,15 @@ impl Session {
             watcher.step(self.step, &losses, wall_s);
         }
         self.write_rest(&logs, schedule, watcher)?;
+        if let Some(warning) = warning_of_jumps(&totals) {
+            watcher.warning(&warning);
+        }
         Ok(Trained {
             step: self.step,
-            taken,
+            taken: totals.len() as u64,
             checkpoint: self.last.as_ref().map(|last| last.path.clone()),
             validation_psnr_db: self.last.as_ref().and_then(|last| last.validation_psnr_db),
-            loss,
+            loss: totals.last().copied(),
             busy_s,
             stopped,
         })
