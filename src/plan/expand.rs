@@ -9,7 +9,7 @@ use super::pair::Pair;
 use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::{RecipeError, RefusedDraw};
-use super::sections::{camera, film, light, side};
+use super::sections::{camera, film, illuminants_k, light, side};
 use super::source::Layout;
 use super::source_values::source_values;
 use render::line::{Apex, Focus, SCENE_SCHEMA, SceneLine, Side};
@@ -84,8 +84,9 @@ pub(super) fn draw_line(
     let values = source_values(recipe, id, pair, &front, &film(recipe, plain))?;
     let draw_of = |attempt| Draw { attempt, values: &values, ..plain };
     let first = draw_of(from);
-    let back_light = light("back", recipe.back.light(), first, &mut back);
-    let front_light = light("front", recipe.front.light(), first, &mut front);
+    let [front_k, back_k] = illuminants_k(recipe, first);
+    let back_light = light("back", recipe.back.light(), back_k, first, &mut back);
+    let front_light = light("front", recipe.front.light(), front_k, first, &mut front);
     if recipe.back.apex != Apex::default() {
         back.set_apex(recipe.back.apex);
     }
@@ -208,6 +209,46 @@ mod tests {
             .filter(|line| line.split == split)
             .flat_map(|line| [line.front.name(), line.back.name()])
             .collect()
+    }
+
+    #[test]
+    fn a_share_of_the_backs_has_the_illuminant_of_the_front() {
+        let range = "{ uniform = [2500, 9000] }";
+        let text = |share: &str| {
+            let light = format!(
+                "[front]\nilluminant_k = {range}\n[back]\nilluminant_k = {range}\n{share}\n[sources.diode]"
+            );
+            PAPER
+                .replace("diode = 3000, places = 2000", "diode = 400")
+                .replace("diode = 120, places = 80", "diode = 40")
+                .replacen("[sources.diode]", &light, 1)
+        };
+        let lines = |share| {
+            let recipe = Recipe::parse(&text(share)).unwrap();
+            expand(&recipe, &two_sources(90, 90)).unwrap()
+        };
+        let (apart, shared) = (lines(""), lines("front_illuminant = 0.25"));
+        let mut count = 0;
+        for (a, b) in apart.iter().zip(&shared) {
+            assert_eq!(a.front, b.front);
+            if b.back.illuminant() == b.front.illuminant() {
+                count += 1;
+            } else {
+                assert_eq!(a.back, b.back);
+            }
+        }
+        // Four standard deviations around 110.
+        assert!((74..=146).contains(&count), "{count}");
+        for (share, reason) in
+            [("front_illuminant = 0", "must be above 0"), ("front_illuminant = 1.5", "is 1.5")]
+        {
+            let error = Recipe::parse(&text(share)).unwrap_err().to_string();
+            assert!(error.contains(reason), "{error}");
+        }
+        let bare =
+            PAPER.replacen("[sources.diode]", "[back]\nfront_illuminant = 0.5\n[sources.diode]", 1);
+        let error = Recipe::parse(&bare).unwrap_err().to_string();
+        assert!(error.contains("does nothing"), "{error}");
     }
 
     #[test]

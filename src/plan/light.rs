@@ -95,12 +95,11 @@ impl DrawnLight {
     }
 }
 
-/// Exposure and colour of one side's light, from `[front]` or `[back]`.
+/// Exposure of one side's light, from `[front]` or `[back]`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SideLight<'a> {
     pub(super) exposure: &'a Param,
     pub(super) exposure_ev: Option<&'a Param>,
-    pub(super) illuminant_k: Option<&'a Param>,
 }
 
 /// Computes the linear Rec.709 colour of a black body's light, with luminance 1.

@@ -160,6 +160,8 @@ pub struct BackRecipe {
     pub exposure_ev: Option<Param>,
     /// Temperature of a black body that illuminates this side, K. Default none: the light of the photograph.
     pub illuminant_k: Option<Param>,
+    /// Share of the scenes whose back has the front's illuminant instead, above 0 to 1. Default none.
+    pub front_illuminant: Option<f64>,
     /// Position of the capture camera. Default mirror.
     pub apex: Apex,
 }
@@ -170,6 +172,7 @@ impl Default for BackRecipe {
             exposure: Param::Constant(1.0),
             exposure_ev: None,
             illuminant_k: None,
+            front_illuminant: None,
             apex: Apex::Mirror,
         }
     }
@@ -200,21 +203,13 @@ impl SplitRecipe {
 
 impl FrontRecipe {
     pub(super) fn light(&self) -> SideLight<'_> {
-        SideLight {
-            exposure: &self.exposure,
-            exposure_ev: self.exposure_ev.as_ref(),
-            illuminant_k: self.illuminant_k.as_ref(),
-        }
+        SideLight { exposure: &self.exposure, exposure_ev: self.exposure_ev.as_ref() }
     }
 }
 
 impl BackRecipe {
     pub(super) fn light(&self) -> SideLight<'_> {
-        SideLight {
-            exposure: &self.exposure,
-            exposure_ev: self.exposure_ev.as_ref(),
-            illuminant_k: self.illuminant_k.as_ref(),
-        }
+        SideLight { exposure: &self.exposure, exposure_ev: self.exposure_ev.as_ref() }
     }
 }
 
@@ -245,13 +240,11 @@ impl Recipe {
         params.extend(self.sensor.iter().flat_map(SensorRecipe::params));
         for (name, light) in [("front", self.front.light()), ("back", self.back.light())] {
             params.push((format!("{name}.exposure"), light.exposure));
-            for (key, param) in
-                [("exposure_ev", light.exposure_ev), ("illuminant_k", light.illuminant_k)]
-            {
-                if let Some(param) = param {
-                    params.push((format!("{name}.{key}"), param));
-                }
-            }
+            params.extend(light.exposure_ev.map(|param| (format!("{name}.exposure_ev"), param)));
+        }
+        let illuminants = [("front", &self.front.illuminant_k), ("back", &self.back.illuminant_k)];
+        for (name, param) in illuminants {
+            params.extend(param.iter().map(|param| (format!("{name}.illuminant_k"), param)));
         }
         params
     }

@@ -127,6 +127,7 @@ impl Recipe {
             return bad("camera.f_number", "conflicts with aperture_radius_m: remove one of them");
         }
         self.glass.check()?;
+        self.check_front_illuminant()?;
         self.check_cover()?;
         if let Some(sensor) = &self.sensor {
             if !self.film.layers.asked()[Layer::Input] {
@@ -135,6 +136,23 @@ impl Recipe {
             sensor.check()?;
         }
         self.check_reject()
+    }
+
+    fn check_front_illuminant(&self) -> Result<(), RecipeError> {
+        let key = "back.front_illuminant";
+        let Some(share) = self.back.front_illuminant else {
+            return Ok(());
+        };
+        if !(share > 0.0 && share <= 1.0) {
+            return bad(
+                key,
+                format!("is {share}, but must be above 0 and at most 1; leave it out for none"),
+            );
+        }
+        if self.front.illuminant_k.is_none() && self.back.illuminant_k.is_none() {
+            return bad(key, "does nothing, because neither side has an illuminant_k: remove it");
+        }
+        Ok(())
     }
 
     fn check_cover(&self) -> Result<(), RecipeError> {

@@ -5,6 +5,7 @@ use super::draw::{Draw, nine_digits};
 use super::focus::FocusRecipe;
 use super::light::{DrawnLight, SideLight, illuminant};
 use super::list;
+use super::param::Param;
 use super::recipe::Recipe;
 use super::source::Source;
 use render::line::{Camera, DepthKind, Film, Focus, FocusAt, Photograph, Side};
@@ -59,10 +60,22 @@ pub(super) fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
     }
 }
 
-/// Draws the light of a side and multiplies it by the light that a list gives for the photograph. Returns the drawn light.
+/// Draws the temperatures of the illuminants of front and back, K; `None` for the light of the photograph.
+pub(super) fn illuminants_k(recipe: &Recipe, draw: Draw<'_>) -> [Option<f64>; 2] {
+    let drawn =
+        |key: &str, param: &Option<Param>| param.as_ref().map(|param| draw.value(key, param));
+    let front = drawn("front.illuminant_k", &recipe.front.illuminant_k);
+    let share = recipe.back.front_illuminant.unwrap_or(0.0);
+    let is_shared = draw.unit("back.front_illuminant") < share;
+    [front, if is_shared { front } else { drawn("back.illuminant_k", &recipe.back.illuminant_k) }]
+}
+
+/// Draws the exposure of a side and multiplies its light, with the illuminant, by the light that a list gives for the
+/// photograph. Returns the drawn light.
 pub(super) fn light(
     name: &str,
     recipe: SideLight<'_>,
+    illuminant_k: Option<f64>,
     draw: Draw<'_>,
     side: &mut Side,
 ) -> DrawnLight {
@@ -77,8 +90,7 @@ pub(super) fn light(
         *exposure = nine_digits(*exposure * libm::exp2(ev));
         drawn = drawn.times(libm::exp2(ev));
     }
-    if let Some(param) = recipe.illuminant_k {
-        let kelvin = draw.value(&format!("{name}.illuminant_k"), param);
+    if let Some(kelvin) = illuminant_k {
         drawn.illuminant = illuminant(kelvin).map(nine_digits);
         for (channel, drawn) in side_illuminant.iter_mut().zip(illuminant(kelvin)) {
             *channel = nine_digits(*channel * drawn);
