@@ -194,7 +194,9 @@ fn arrays<'py>(
             }
             joined.set_item(name, &values)?;
         } else {
-            let values: Vec<f32> = planes.into_iter().flatten().copied().collect();
+            let slices: Vec<&[f32]> = planes.into_iter().map(|plane| &plane[..]).collect();
+            // Whole slices are copied at once; at this crate's level of optimisation, iterators over values are slow.
+            let values = slices.concat();
             joined.set_item(name, array(py, values, &shape)?)?;
         }
     }

@@ -158,8 +158,7 @@ impl Draw {
             let factor = if light > 0.0 { luminance(means[0]) / light } else { 0.0 };
             scale(&mut transmission, [factor; 3]);
         }
-        let own = if other.is_none() { None } else { Some(back.tuple.strength()) };
-        let [factors, reflection_factors] = self.factors(means, own);
+        let [factors, reflection_factors] = self.factors(means, other.map(|side| side.tuple));
         scale(&mut ahead, factors);
         scale(&mut transmission, factors);
         scale(&mut reflection, reflection_factors);
@@ -198,14 +197,18 @@ impl Draw {
         example
     }
 
-    /// Returns the factors of the front's channels and of the reflection's, given the means of both. `own` is the
-    /// strength of the reflection's tuple; `None` if it is the front's tuple too.
-    fn factors(&self, [ahead, reflection]: [[f64; 3]; 2], own: Option<f64>) -> [[f64; 3]; 2] {
+    /// Returns the factors of the front's channels and of the reflection's, given the means of both. `other` is the
+    /// reflection's tuple; `None` if it is the front's tuple too.
+    fn factors(
+        &self,
+        [ahead, reflection]: [[f64; 3]; 2],
+        other: Option<&LinearTuple>,
+    ) -> [[f64; 3]; 2] {
         let balance = self.white_balance;
         let back_balance = product(balance, self.reflection_white_balance);
-        let strength = match (self.strength, own) {
+        let strength = match (self.strength, other) {
             (DrawnStrength::OfTuple, None) => return [balance, back_balance],
-            (DrawnStrength::OfTuple, Some(own)) => own,
+            (DrawnStrength::OfTuple, Some(other)) => other.strength(),
             (DrawnStrength::Ratio(ratio), _) => ratio,
         };
         let [front, back] =

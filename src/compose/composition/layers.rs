@@ -4,6 +4,7 @@ use super::Cut;
 use super::stored::{StoredLayer, widened};
 use crate::resample::resample;
 use exr::prelude::f16;
+use std::sync::OnceLock;
 
 /// Shares of red, green and blue in luminance (IEC 61966-2-1).
 pub const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
@@ -103,8 +104,8 @@ pub struct LinearTuple {
     pub clean_reflection: Option<Layer>,
     /// One plane: share of each pixel's camera samples that meet the glass. `None` if the pane fills the film.
     pub coverage: Option<Layer>,
-    /// Mean luminance of R~ over that of F = I - R~; 0 for a black front.
-    strength: f64,
+    /// See [`Self::strength`].
+    strength: OnceLock<f64>,
 }
 
 /// Layers of a tuple, by name.
@@ -129,12 +130,6 @@ impl LinearTuple {
         if pixels == 0 || !has_sizes.into_iter().all(|(layer, n)| layer.len() == n * pixels) {
             return None;
         }
-        let (mut whole, mut reflected) = (Vec::new(), Vec::new());
-        input.push_row(0, input.len(), &mut whole);
-        glass_reflection.push_row(0, input.len(), &mut reflected);
-        subtract(&mut whole, &reflected);
-        let [front, reflected] = [whole, reflected].map(|planes| luminance(channel_means(&planes)));
-        let strength = if front > 0.0 { reflected / front } else { 0.0 };
         Some(Self {
             rows,
             columns,
@@ -143,13 +138,19 @@ impl LinearTuple {
             glass_reflection,
             clean_reflection,
             coverage,
-            strength,
+            strength: OnceLock::new(),
         })
     }
 
-    /// Returns the mean luminance of R~ over that of F.
+    /// Returns the mean luminance of R~ over that of F = I - R~; 0 for a black front. The first call reads both layers.
     pub fn strength(&self) -> f64 {
-        self.strength
+        *self.strength.get_or_init(|| {
+            let (mut front, reflected) = (self.input.planes(), self.glass_reflection.planes());
+            subtract(&mut front, &reflected);
+            let [front, reflected] =
+                [front, reflected].map(|planes| luminance(channel_means(&planes)));
+            if front > 0.0 { reflected / front } else { 0.0 }
+        })
     }
 
     /// Returns the memory of all layers, bytes.
