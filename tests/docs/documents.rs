@@ -3,6 +3,7 @@
 
 use crate::document_pages::{page, pages};
 use crate::not_run::{NOT_RUN, is_of};
+use crate::support::outputs::copy_folder;
 use crate::support::program::run;
 use crate::support::workplace::{run_in, workplace};
 use std::collections::BTreeSet;
@@ -151,6 +152,8 @@ fn furnish(folder: &Path) {
         let recipe = Path::new("manifests").join(name);
         std::fs::copy(repository.join(&recipe), folder.join(&recipe)).unwrap();
     }
+    let weights = Path::new("docs/proof/weights");
+    copy_folder(&repository.join(weights), &folder.join(weights));
     // These runs have tuples, but no networks.
     for to in ["RUN2", "RUN3"] {
         run(&format!("plan manifests/smoke.toml --out {to}"));
