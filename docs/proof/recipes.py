@@ -99,7 +99,7 @@ def sets(windows, paper, wild):
     others = {
         "paper": {**windows, "camera": paper["camera"], "glass": paper["glass"], "cover": None},
         "wild": {**windows, **{key: wild[key] for key in ("camera", "glass", "front", "back")}, "cover": None},
-        "mixed-light": {**windows, "back": less(windows["back"], "front_illuminant")},
+        "mixed-light": {**windows, "back": less(windows["back"], "front_illuminant_share")},
         "no-cover": {**windows, "cover": None},
         "no-roughness": {**windows, "glass": less(windows["glass"], "roughness", "smudges")},
         "no-glazing": {**windows, "glass": windows["glass"] | {"glazing": {"choice": ["single-4", "single-6"]}}},

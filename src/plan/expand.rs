@@ -227,7 +227,7 @@ mod tests {
             let recipe = Recipe::parse(&text(share)).unwrap();
             expand(&recipe, &two_sources(90, 90)).unwrap()
         };
-        let (apart, shared) = (lines(""), lines("front_illuminant = 0.25"));
+        let (apart, shared) = (lines(""), lines("front_illuminant_share = 0.25"));
         let mut count = 0;
         for (a, b) in apart.iter().zip(&shared) {
             assert_eq!(a.front, b.front);
@@ -239,14 +239,18 @@ mod tests {
         }
         // Four standard deviations around 110.
         assert!((74..=146).contains(&count), "{count}");
-        for (share, reason) in
-            [("front_illuminant = 0", "must be above 0"), ("front_illuminant = 1.5", "is 1.5")]
-        {
+        for (share, reason) in [
+            ("front_illuminant_share = 0", "must be above 0"),
+            ("front_illuminant_share = 1.5", "is 1.5"),
+        ] {
             let error = Recipe::parse(&text(share)).unwrap_err().to_string();
             assert!(error.contains(reason), "{error}");
         }
-        let bare =
-            PAPER.replacen("[sources.diode]", "[back]\nfront_illuminant = 0.5\n[sources.diode]", 1);
+        let bare = PAPER.replacen(
+            "[sources.diode]",
+            "[back]\nfront_illuminant_share = 0.5\n[sources.diode]",
+            1,
+        );
         let error = Recipe::parse(&bare).unwrap_err().to_string();
         assert!(error.contains("does nothing"), "{error}");
     }

@@ -161,7 +161,7 @@ pub struct BackRecipe {
     /// Temperature of a black body that illuminates this side, K. Default none: the light of the photograph.
     pub illuminant_k: Option<Param>,
     /// Share of the scenes whose back has the front's illuminant instead, above 0 to 1. Default none.
-    pub front_illuminant: Option<f64>,
+    pub front_illuminant_share: Option<f64>,
     /// Position of the capture camera. Default mirror.
     pub apex: Apex,
 }
@@ -172,7 +172,7 @@ impl Default for BackRecipe {
             exposure: Param::Constant(1.0),
             exposure_ev: None,
             illuminant_k: None,
-            front_illuminant: None,
+            front_illuminant_share: None,
             apex: Apex::Mirror,
         }
     }

@@ -127,7 +127,7 @@ impl Recipe {
             return bad("camera.f_number", "conflicts with aperture_radius_m: remove one of them");
         }
         self.glass.check()?;
-        self.check_front_illuminant()?;
+        self.check_front_illuminant_share()?;
         self.check_cover()?;
         if let Some(sensor) = &self.sensor {
             if !self.film.layers.asked()[Layer::Input] {
@@ -138,9 +138,9 @@ impl Recipe {
         self.check_reject()
     }
 
-    fn check_front_illuminant(&self) -> Result<(), RecipeError> {
-        let key = "back.front_illuminant";
-        let Some(share) = self.back.front_illuminant else {
+    fn check_front_illuminant_share(&self) -> Result<(), RecipeError> {
+        let key = "back.front_illuminant_share";
+        let Some(share) = self.back.front_illuminant_share else {
             return Ok(());
         };
         if !(share > 0.0 && share <= 1.0) {

@@ -65,7 +65,7 @@ pub(super) fn illuminants_k(recipe: &Recipe, draw: Draw<'_>) -> [Option<f64>; 2]
     let drawn =
         |key: &str, param: &Option<Param>| param.as_ref().map(|param| draw.value(key, param));
     let front = drawn("front.illuminant_k", &recipe.front.illuminant_k);
-    let share = recipe.back.front_illuminant.unwrap_or(0.0);
+    let share = recipe.back.front_illuminant_share.unwrap_or(0.0);
     let is_shared = draw.unit("back.front_illuminant") < share;
     [front, if is_shared { front } else { drawn("back.illuminant_k", &recipe.back.illuminant_k) }]
 }
