@@ -18,11 +18,22 @@ MANIFESTS = Path(__file__).resolve().parents[2] / "manifests"
 # Nine tenths of the photographs are the train split's.
 TUPLES = 2000
 
-# Means of R~ over means of F = I - R~ of train tuples of windows.toml (strengths.py), at the probabilities 0, 0.05, ..., 1.
-STRENGTHS = json.loads((Path(__file__).parent / "strengths.json").read_text())
+# 1.5 times the means of R~ over means of F = I - R~ of train tuples of windows.toml (strengths.py), at the probabilities
+# 0, 0.05, ..., 1. At most 1.5, the end of the default range.
+LARGEST = 1.5
+MEASURED = json.loads((Path(__file__).parent / "strengths.json").read_text())
+STRENGTHS = [round(min(1.5 * strength, LARGEST), 4) for strength in MEASURED]
 
-# The settings of manifests/learn.toml but for strengths, the target's light and the learning rate: at 2e-3, the losses of
-# single steps of a training of this length jump by many powers of ten.
+# The casts and the sharpness of photographs (photographs.py): with the narrower casts of balanced fronts, a network takes
+# the cast of a photograph for a reflection.
+COMPOSITION = {
+    "strength": {"quantiles": STRENGTHS},
+    "target_light": "through_pane",
+    "white_balance": 0.25,
+    "front_scale": [1, 2],
+}
+
+# At a rate of 2e-3, the losses of single steps of a training of this length jump by many powers of ten.
 SETTINGS = {
     "network": "unet",
     "start": "residual",
@@ -41,7 +52,7 @@ SETTINGS = {
     "warmup_steps": 50,
     "clip_norm": 1.0,
     "ema": 0.998,
-    "composition": {"strength": {"quantiles": STRENGTHS}, "target_light": "through_pane"},
+    "composition": COMPOSITION,
 }
 
 
@@ -65,21 +76,19 @@ def ablated(name, **settings):
 
 def without_pane():
     """Returns the ablations that need no other tuples than those of windows.toml."""
-    composition = SETTINGS["composition"]
-    off = {**composition, "camera": {"enabled": False}}
-    undimmed = {**composition, "mixture": {"transmitted": [1, 1]}}
+    off = {**COMPOSITION, "camera": {"enabled": False}}
+    undimmed = {**COMPOSITION, "mixture": {"transmitted": [1, 1]}}
     return [
         ablated("no-camera", composition=off),
-        ablated("own-light", composition={**composition, "target_light": "without_pane"}),
+        ablated("own-light", composition={**COMPOSITION, "target_light": "without_pane"}),
         ablated("zhang", examples="zhang_mixtures", composition=undimmed),
     ]
 
 
 def explored():
     """Returns rows added after a look at the deciding ones: reflections as blurred as those of mixtures; sharp mixtures."""
-    composition = SETTINGS["composition"]
-    blurred = {**composition, "rough": 1, "rough_px": [1, 5]}
-    sharp = {**composition, "mixture": {"blur_px": [0, 0.01]}}
+    blurred = {**COMPOSITION, "rough": 1, "rough_px": [1, 5]}
+    sharp = {**COMPOSITION, "mixture": {"blur_px": [0, 0.01]}}
     return [
         training("composed-blurred", [1, 2, 3], 100_000, composition=blurred),
         training("linear-sharp", [1, 2, 3], 100_000, examples="linear_mixtures", composition=sharp),
