@@ -24,14 +24,10 @@ LARGEST = 1.5
 MEASURED = json.loads((Path(__file__).parent / "strengths.json").read_text())
 STRENGTHS = [round(min(1.5 * strength, LARGEST), 4) for strength in MEASURED]
 
-# The casts and the sharpness of photographs (photographs.py): with the narrower casts of balanced fronts, a network takes
-# the cast of a photograph for a reflection.
-COMPOSITION = {
-    "strength": {"quantiles": STRENGTHS},
-    "target_light": "through_pane",
-    "white_balance": 0.25,
-    "front_scale": [1, 2],
-}
+COMPOSITION = {"strength": {"quantiles": STRENGTHS}, "target_light": "through_pane"}
+
+# Casts as wide as those of photographs, and fronts nearer to their sharpness (photographs.py).
+OF_PHOTOGRAPHS = {"white_balance": 0.25, "front_scale": [1, 2]}
 
 # At a rate of 2e-3, the losses of single steps of a training of this length jump by many powers of ten.
 SETTINGS = {
@@ -86,12 +82,15 @@ def without_pane():
 
 
 def explored():
-    """Returns rows added after a look at the deciding ones: reflections as blurred as those of mixtures; sharp mixtures."""
+    """Returns rows added after a look at the deciding ones: other blurs, and the casts of photographs."""
     blurred = {**COMPOSITION, "rough": 1, "rough_px": [1, 5]}
     sharp = {**COMPOSITION, "mixture": {"blur_px": [0, 0.01]}}
+    casts = {**COMPOSITION, **OF_PHOTOGRAPHS}
     return [
         training("composed-blurred", [1, 2, 3], 100_000, composition=blurred),
         training("linear-sharp", [1, 2, 3], 100_000, examples="linear_mixtures", composition=sharp),
+        training("composed-casts", [1, 2, 3], 200_000, composition=casts),
+        training("linear-casts", [1, 2, 3], 200_000, examples="linear_mixtures", composition=casts),
     ]
 
 
