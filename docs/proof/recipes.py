@@ -26,6 +26,9 @@ STRENGTHS = [round(min(1.5 * strength, LARGEST), 4) for strength in MEASURED]
 
 COMPOSITION = {"strength": {"quantiles": STRENGTHS}, "target_light": "through_pane"}
 
+# Blurs all rendered reflections, as mixtures blur theirs.
+BLURRED = {**COMPOSITION, "rough": 1, "rough_px": [1.5, 5]}
+
 # Casts as wide as those of photographs, and fronts nearer to their sharpness (photographs.py).
 OF_PHOTOGRAPHS = {"white_balance": 0.25, "front_scale": [1, 2]}
 
@@ -48,7 +51,7 @@ SETTINGS = {
     "warmup_steps": 50,
     "clip_norm": 1.0,
     "ema": 0.998,
-    "composition": COMPOSITION,
+    "composition": BLURRED,
 }
 
 
@@ -61,8 +64,9 @@ def training(name, seeds, count, **settings):
 
 def deciding():
     """Returns the two rows that decide: 200,000 examples, three seeds."""
-    rows = {"composed": "composed", "linear": "linear_mixtures"}
-    return [training(name, [1, 2, 3], 200_000, examples=kind) for name, kind in rows.items()]
+    seeds, count = [1, 2, 3], 200_000
+    linear = training("linear", seeds, count, examples="linear_mixtures", composition=COMPOSITION)
+    return [training("composed", seeds, count), linear]
 
 
 def ablated(name, **settings):
@@ -72,25 +76,24 @@ def ablated(name, **settings):
 
 def without_pane():
     """Returns the ablations that need no other tuples than those of windows.toml."""
-    off = {**COMPOSITION, "camera": {"enabled": False}}
+    off = {**BLURRED, "camera": {"enabled": False}}
     undimmed = {**COMPOSITION, "mixture": {"transmitted": [1, 1]}}
     return [
         ablated("no-camera", composition=off),
-        ablated("own-light", composition={**COMPOSITION, "target_light": "without_pane"}),
+        ablated("no-blur", composition=COMPOSITION),
+        ablated("own-light", composition={**BLURRED, "target_light": "without_pane"}),
         ablated("zhang", examples="zhang_mixtures", composition=undimmed),
     ]
 
 
 def explored():
-    """Returns rows added after a look at the deciding ones: other blurs, and the casts of photographs."""
-    blurred = {**COMPOSITION, "rough": 1, "rough_px": [1, 5]}
+    """Returns rows added after a look at the deciding ones: sharp mixtures, and the casts of photographs."""
     sharp = {**COMPOSITION, "mixture": {"blur_px": [0, 0.01]}}
     casts = {**COMPOSITION, **OF_PHOTOGRAPHS}
     return [
-        training("composed-blurred", [1, 2, 3], 100_000, composition=blurred),
-        training("linear-sharp", [1, 2, 3], 100_000, examples="linear_mixtures", composition=sharp),
-        training("composed-casts", [1, 2, 3], 200_000, composition=casts),
-        training("linear-casts", [1, 2, 3], 200_000, examples="linear_mixtures", composition=casts),
+        ablated("linear-sharp", examples="linear_mixtures", composition=sharp),
+        ablated("composed-casts", composition=casts),
+        ablated("linear-casts", examples="linear_mixtures", composition=casts),
     ]
 
 
