@@ -222,7 +222,11 @@ pub(super) fn from_recipe(
     for (name, source) in &recipe.sources {
         let index: Index = if source.layout == Layout::Sample {
             let seed = source.seed.unwrap_or(recipe.seed);
-            let photographs = procedural::listing(source.count.unwrap_or(0) as usize, seed);
+            let mut photographs = procedural::listing(source.count.unwrap_or(0) as usize, seed);
+            let is_textured = source.textured.unwrap_or(false);
+            for photograph in &mut photographs {
+                photograph.is_textured = is_textured;
+            }
             let paths: Vec<String> = photographs
                 .iter()
                 .flat_map(|p| [p.color_path(), p.depth_path(), p.mask_path()])

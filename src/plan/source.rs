@@ -55,6 +55,8 @@ pub struct Source {
     pub height: Option<u32>,
     /// `places` only: path of the table of depth ranges by category, relative to the recipe.
     pub depth_ranges: Option<String>,
+    /// `sample` only: surfaces have the texture of stone, bark, cloth or gravel. Default false: they are smooth.
+    pub textured: Option<bool>,
     /// `list` only: path of the list, relative to the recipe. Default: `photographs.jsonl` in the root. The lines of
     /// the list have the keys below, except `depth_root`, for each photograph.
     pub list: Option<String>,

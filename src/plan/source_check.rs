@@ -13,7 +13,7 @@ impl Source {
     /// Checks the source; `key` is the place of the source in the recipe.
     pub(super) fn check(&self, key: &str) -> Result<(), RecipeError> {
         use Layout::{Diode, Folder, List, Places, Sample};
-        let keys: [(&str, bool, &[Layout]); 12] = [
+        let keys: [(&str, bool, &[Layout]); 13] = [
             ("root", self.root.is_some(), &[Diode, Places, List, Folder]),
             ("depth", self.depth.is_some(), &[Folder]),
             ("place", self.place.is_some(), &[Folder]),
@@ -26,6 +26,7 @@ impl Source {
             ("seed", self.seed.is_some(), &[Sample]),
             ("width", self.width.is_some(), &[Sample]),
             ("height", self.height.is_some(), &[Sample]),
+            ("textured", self.textured.is_some(), &[Sample]),
         ];
         for (name, given, layouts) in keys {
             if given && !layouts.contains(&self.layout) {
@@ -194,6 +195,7 @@ mod tests {
                 "sources.diode.depth_range does not belong",
             ),
             ("list = \"m\"\ncount = 3", "sources.diode.count does not belong"),
+            ("list = \"m\"\ntextured = true", "sources.diode.textured does not belong"),
         ] {
             let error = with(keys).unwrap_err();
             assert!(error.contains(message), "{keys}: {error}");

@@ -36,6 +36,7 @@ mod shape;
 mod sky;
 mod street;
 mod style;
+mod texture;
 mod tiles;
 mod tone;
 mod tree;

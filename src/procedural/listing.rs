@@ -28,7 +28,7 @@ impl Place {
     }
 }
 
-/// One photograph of a procedural set. These five values, the size and the intrinsics determine the picture.
+/// One photograph of a procedural set. These six values, the size and the intrinsics determine the picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SamplePhotograph {
     /// Kind of place.
@@ -41,6 +41,8 @@ pub struct SamplePhotograph {
     pub index: u32,
     /// Seed of the whole set.
     pub seed: u64,
+    /// True for surfaces with the texture of stone, bark, cloth or gravel; false for smooth ones.
+    pub is_textured: bool,
 }
 
 impl SamplePhotograph {
@@ -74,7 +76,7 @@ impl SamplePhotograph {
     }
 }
 
-/// Returns the first `count` photographs of the set with this seed.
+/// Returns the first `count` photographs of the set with this seed, with smooth surfaces.
 ///
 /// Places vary fastest, then scenes in a pair, then scans, then views. A shorter listing is a prefix of a longer one.
 pub fn listing(count: usize, seed: u64) -> Vec<SamplePhotograph> {
@@ -94,6 +96,7 @@ fn photograph(i: u32, seed: u64) -> SamplePhotograph {
         scan: scene * SCANS_PER_SCENE + scan_of_scene,
         index: k / (SCENES_PER_BLOCK * SCANS_PER_SCENE) % VIEWS_PER_SCAN,
         seed,
+        is_textured: false,
     }
 }
 
@@ -133,8 +136,7 @@ mod tests {
 
     #[test]
     fn paths_follow_the_published_layout() {
-        let photograph =
-            SamplePhotograph { place: Place::Outdoor, scene: 22, scan: 193, index: 0, seed: 0 };
+        let photograph = SamplePhotograph { scene: 22, scan: 193, index: 0, ..photograph(1, 0) };
         let color = "train/outdoor/scene_00022/scan_00193/00022_00193_outdoor_000_000.png";
         assert_eq!(photograph.color_path(), PathBuf::from(color));
         let depth = color.replace(".png", "_depth.npy");

@@ -6,7 +6,9 @@ use super::hole::{self, Return};
 use super::light::{Point, SoftGrid, SoftLight};
 use super::listing::{Place, SamplePhotograph};
 use super::model::Model;
-use super::shape::Shape;
+use super::random::mix;
+use super::shape::{Shape, Solid};
+use super::texture::Texture;
 use super::tiles::{Hit, Tiles};
 use super::tone::Tone;
 use super::{outdoors, room};
@@ -66,7 +68,11 @@ pub fn render_through(
     let camera = Camera::new(model.pose, intrinsics);
     let bounds = Bounds::new(&model.solids);
     let tiles = Tiles::new(&model.solids, &camera, w, h);
-    let view = View { model: &model, camera, bounds: &bounds, tiles: &tiles };
+    let place_key = mix(photograph.seed) ^ u64::from(photograph.scan);
+    let texture_of =
+        |solid: &Solid| Texture::new(photograph.place, place_key, solid.group, &solid.material);
+    let textures = photograph.is_textured.then(|| model.solids.iter().map(texture_of).collect());
+    let view = View { model: &model, camera, bounds: &bounds, tiles: &tiles, textures };
     let pixels: Vec<Option<Pixel>> =
         (0..w * h).into_par_iter().with_min_len(w).map(|k| view.pixel(k % w, k / w)).collect();
     let soft = SoftLight::new(&model.lights, &bounds);
@@ -201,6 +207,8 @@ struct View<'a> {
     camera: Camera,
     bounds: &'a Bounds,
     tiles: &'a Tiles,
+    /// Textures of the solids; `None` for smooth ones.
+    textures: Option<Vec<Texture>>,
 }
 
 impl View<'_> {
@@ -261,7 +269,11 @@ impl View<'_> {
         };
         let cos = -direction.dot(pixel.normal);
         let footprint_m = pixel.hit.depth_m / self.camera.fx / cos.max(0.12);
-        let surface = solid.material.surface(p, uv, footprint_m);
+        let mut surface = solid.material.surface(p, uv, footprint_m);
+        if let Some(textures) = self.textures.as_ref().filter(|_| !surface.glass) {
+            let factor = textures[pixel.hit.solid as usize].factor(p, footprint_m);
+            surface.albedo = (surface.albedo * factor).min(Vec3::ONE);
+        }
         let mut light = grid.at(i, j, &point);
         if pixel.in_sun {
             let incidence = pixel.normal.dot(lights.sun_direction);
@@ -358,6 +370,30 @@ mod tests {
             let mean = sum as f64 / (3.0 * 255.0) / f64::from(pixel_count);
             assert!((0.25..0.65).contains(&mean), "{mean} of {photograph:?}");
         }
+    }
+
+    /// Textures change colours alone, and make pictures sharper.
+    #[test]
+    fn textured_surfaces_have_the_depths_of_smooth_ones() {
+        let sharpness = |rgbd: &Rgbd| {
+            let rows = rgbd.rgb.chunks_exact(3 * 320);
+            let steps = rows.flat_map(|row| row.windows(4).map(|w| w[0].abs_diff(w[3])));
+            let sum: f64 = steps.map(f64::from).sum();
+            sum / rgbd.rgb.iter().map(|&code| f64::from(code)).sum::<f64>()
+        };
+        let [mut smooth, mut rough] = [0.0; 2];
+        for mut photograph in listing(6, 5) {
+            let plain = render(&photograph, 320, 240);
+            photograph.is_textured = true;
+            let textured = render(&photograph, 320, 240);
+            assert_eq!(plain.depth_m, textured.depth_m);
+            assert_eq!(plain.valid, textured.valid);
+            assert_eq!(plain.inverse_depth_per_m, textured.inverse_depth_per_m);
+            smooth += sharpness(&plain);
+            rough += sharpness(&textured);
+        }
+        let ratio = rough / smooth;
+        assert!((1.25..2.0).contains(&ratio), "{ratio}");
     }
 
     #[test]

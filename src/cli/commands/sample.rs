@@ -32,6 +32,9 @@ pub(super) struct SampleArgs {
     /// Height, px [default: 768; 256 for places]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     height: Option<u32>,
+    /// Give surfaces the texture of stone, bark, cloth or gravel, for pictures as sharp as photographs
+    #[arg(long)]
+    textured: bool,
     /// Layout of the folder
     #[arg(long, value_enum, default_value = "diode")]
     layout: SampleLayout,
@@ -62,7 +65,10 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
     let size = |width, height| [args.width.unwrap_or(width), args.height.unwrap_or(height)];
     let made = match args.layout {
         SampleLayout::Diode => {
-            let photographs = procedural::listing(count, seed);
+            let mut photographs = procedural::listing(count, seed);
+            for photograph in &mut photographs {
+                photograph.is_textured = args.textured;
+            }
             let [width, height] = size(1024, 768);
             let files: Vec<_> = photographs.iter().flat_map(SamplePhotograph::paths).collect();
             claim(dir, files.clone(), global)?;
@@ -80,7 +86,10 @@ pub(super) fn run(args: &SampleArgs, global: &Global, output: &Output) -> Result
             let table = DepthRanges::shipped();
             let [indoors, outdoors] =
                 [Place::Indoors, Place::Outdoor].map(|p| table.categories_of(p));
-            let photographs = procedural::places_listing(count, seed, &indoors, &outdoors);
+            let mut photographs = procedural::places_listing(count, seed, &indoors, &outdoors);
+            for made in &mut photographs {
+                made.photograph.is_textured = args.textured;
+            }
             let [width, height] = size(256, 256);
             let files: Vec<_> = photographs.iter().flat_map(PlacesPhotograph::paths).collect();
             claim(dir, files.clone(), global)?;
