@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Compares the fronts and reflections of a training's examples with photographs, for docs/proof.md.
 
-    docs/proof/photographs.py RUN --name TRAINING --export EXPORT --photos DIR
+    docs/proof/photographs.py --photos DIR
+    docs/proof/photographs.py RUN --name TRAINING [--export EXPORT] [--photos DIR]
 
 Prints of crops of 128 px: the standard deviation of log R/G and log B/G, of means in linear light (the cast of a crop),
 and percentiles 10, 50 and 90 of the mean difference of neighbouring pixels over the mean, in codes (its sharpness).
@@ -53,13 +54,17 @@ def show(name, crops):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, help="folder of a run")
-    parser.add_argument("--name", required=True, help="training of the run's recipe")
+    parser.add_argument("run", type=Path, nargs="?", help="folder of a run")
+    parser.add_argument("--name", help="training of the run's recipe")
     parser.add_argument("--export", type=Path, help="its tuples, instead of those of the run")
     parser.add_argument("--photos", type=Path, help="folder of photographs")
     args = parser.parse_args()
+    if bool(args.run) != bool(args.name):
+        parser.error("a run and the --name of a training belong together")
     if args.photos:
         show("photographs", photographs(args.photos))
+    if not args.run:
+        return
     settings = {**glasshouse.train_settings(args.run, name=args.name), "batch": BATCH, "crop_px": SIDE_PX}
     source = glasshouse.Examples(args.export or args.run, settings)
     made = [source.step(step) for step in range(EXAMPLES // BATCH)]

@@ -15,7 +15,7 @@ const DIGESTS: [&str; 8] = [
 ];
 
 /// The same of the first two photographs with textured surfaces.
-const TEXTURED: [&str; 2] = ["8c8ca2a09625740d", "82a724fce0a0d47e"];
+const TEXTURED: [&str; 2] = ["ab9cf2c34525bc01", "653d96a05d1542de"];
 
 #[test]
 fn photographs_are_pinned() {

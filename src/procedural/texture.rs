@@ -1,7 +1,6 @@
 //! Natural texture of surfaces: noise over many octaves, another one on each piece, as on stone, bark, cloth or gravel.
 //!
-//! Surfaces without it are smooth, and pictures of them have half the sharpness of photographs: a network that knows no
-//! other takes the texture of a photograph for a reflection.
+//! Surfaces without it are smooth, and pictures of them have half the sharpness of photographs (docs/proof.md).
 
 use super::listing::Place;
 use super::material::Material;
@@ -42,7 +41,7 @@ impl Texture {
         // Outdoors, surfaces are farther away, and have the coarser textures of walls and meadows.
         let [low, high] = match place {
             Place::Indoors => [3.0, 60.0],
-            Place::Outdoor => [0.6, 12.0],
+            Place::Outdoor => [0.4, 6.0],
         };
         let frequency_per_m = Vec3::splat(log_uniform(&mut draw, low, high));
         // Fibres, grain and strokes: two in five textures are longer along one axis.
@@ -57,8 +56,8 @@ impl Texture {
         }
     }
 
-    /// Returns the factor of the albedo at texture point `p`, m. Its mean is about 1, and its contrast the same at any
-    /// distance: octaves finer than the footprint, which would alias, leave theirs to the others.
+    /// Returns the factor of the albedo at texture point `p`, m. Its mean is about 1. Octaves finer than the footprint would
+    /// alias, and fade out; the others take over their contrast, until the coarsest fades, too.
     pub(super) fn factor(&self, p: Vec3, footprint_m: f32) -> f32 {
         let (mut sum, mut squares, mut weight) = (0.0, 0.0, 1.0);
         let mut frequency_per_m = self.frequency_per_m;
@@ -78,12 +77,14 @@ impl Texture {
         if squares == 0.0 {
             return 1.0;
         }
-        let mut deviations = (sum / squares.sqrt()).clamp(-3.0, 3.0);
+        let deviation = squares.sqrt();
+        let mut deviations = (sum / deviation).clamp(-3.0, 3.0);
         if self.has_spots {
-            // The square of a normal number has a standard deviation of 3^(1/2).
+            // A normal number times its magnitude has a standard deviation of 3^(1/2).
             deviations *= deviations.abs() / 1.732;
         }
-        libm::expf(self.contrast * (deviations - 0.5 * self.contrast))
+        let contrast = self.contrast * deviation.min(1.0);
+        libm::expf(contrast * (deviations - 0.5 * contrast))
     }
 }
 
@@ -92,7 +93,7 @@ mod tests {
     use super::super::material::plain;
     use super::*;
 
-    /// At footprints from 1 mm to 0.1 m, factors of many textures have a mean of 1 and their contrast.
+    /// At footprints from 1 mm to 5 cm, factors of many textures have a mean of 1 and their contrast.
     #[test]
     fn factors_keep_the_mean_and_the_contrast() {
         for footprint_m in [0.001f32, 0.01, 0.05] {
@@ -121,6 +122,20 @@ mod tests {
             let (mean, ratio) = (mean / 4000.0 / count, ratio / count);
             assert!((mean - 1.0).abs() < 0.05, "{mean} at {footprint_m} m");
             assert!((0.85..1.15).contains(&ratio), "{ratio} at {footprint_m} m");
+        }
+    }
+
+    /// Without aliasing, and without an edge at the distance where the texture ends.
+    #[test]
+    fn a_texture_fades_out_with_its_coarsest_octave() {
+        for piece in 0..60 {
+            let texture = Texture::new(Place::Indoors, 7, piece, &plain(0x808080));
+            let at = |cells| {
+                let footprint_m = cells / texture.frequency_per_m.max_element();
+                texture.factor(Vec3::new(0.3, 0.7, 0.2), footprint_m)
+            };
+            assert!((at(1.19) - 1.0).abs() < 0.03, "{}", at(1.19));
+            assert_eq!(at(1.21), 1.0);
         }
     }
 

@@ -32,7 +32,7 @@ pub(super) struct SampleArgs {
     /// Height, px [default: 768; 256 for places]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=16384))]
     height: Option<u32>,
-    /// Give surfaces the texture of stone, bark, cloth or gravel, for pictures as sharp as photographs
+    /// Give surfaces the texture of stone, bark, cloth or gravel: sharper pictures, nearer to photographs
     #[arg(long)]
     textured: bool,
     /// Layout of the folder
