@@ -15,7 +15,7 @@ const DIGESTS: [&str; 8] = [
 ];
 
 /// The same of the first two photographs with textured surfaces.
-const TEXTURED: [&str; 2] = ["ab9cf2c34525bc01", "653d96a05d1542de"];
+const TEXTURED: [&str; 2] = ["4704d8b2c5b8f5d7", "9401b2b25e66f1ea"];
 
 #[test]
 fn photographs_are_pinned() {

@@ -1,6 +1,6 @@
 //! Natural texture of surfaces: noise over many octaves, another one on each piece, as on stone, bark, cloth or gravel.
 //!
-//! Surfaces without it are smooth, and pictures of them have half the sharpness of photographs (docs/proof.md).
+//! Surfaces without it are smooth, and pictures of them have half the sharpness of photographs (docs/proof/runs.md).
 
 use super::listing::Place;
 use super::material::Material;
@@ -9,20 +9,23 @@ use super::random::Stream;
 use glam::Vec3;
 
 /// Number of octaves, each half as long as the one before.
-const OCTAVES: i32 = 9;
+const OCTAVES: usize = 9;
 
 /// Standard deviation of value noise in space, measured.
 const NOISE_DEVIATION: f32 = 0.17;
+
+/// Largest standard deviation of the albedo's logarithm.
+const LARGEST_CONTRAST: f32 = 0.7;
 
 /// Variation of a surface's albedo.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Texture {
     seed: i32,
-    /// Standard deviation of the albedo's logarithm.
-    contrast: f32,
+    /// Standard deviation of the albedo's logarithm by the coarsest octave.
+    octave_contrast: f32,
     /// Cells per metre of the coarsest noise, along each axis.
     frequency_per_m: Vec3,
-    /// Weight of an octave over that of the one before.
+    /// Contrast of an octave over that of the one before.
     persistence: f32,
     /// True for sparse, strong spots.
     has_spots: bool,
@@ -37,11 +40,11 @@ impl Texture {
         let mut draw = Stream::new(&[place_key, u64::from(piece), seed, red, green, blue]);
         let log_uniform =
             |draw: &mut Stream, low: f32, high: f32| low * libm::powf(high / low, draw.unit());
-        let contrast = log_uniform(&mut draw, 0.04, 0.5);
+        let octave_contrast = log_uniform(&mut draw, 0.08, 0.5);
         // Outdoors, surfaces are farther away, and have the coarser textures of walls and meadows.
         let [low, high] = match place {
-            Place::Indoors => [3.0, 60.0],
-            Place::Outdoor => [0.4, 6.0],
+            Place::Indoors => [3.0, 40.0],
+            Place::Outdoor => [0.4, 5.0],
         };
         let frequency_per_m = Vec3::splat(log_uniform(&mut draw, low, high));
         // Fibres, grain and strokes: two in five textures are longer along one axis.
@@ -49,42 +52,50 @@ impl Texture {
         let stretched = draw.pick(&[Vec3::X, Vec3::Y, Vec3::Z]) * (stretch - 1.0) + Vec3::ONE;
         Self {
             seed: draw.seed(),
-            contrast,
+            octave_contrast,
             frequency_per_m: frequency_per_m * stretched,
-            persistence: draw.range(0.75, 1.25),
+            persistence: draw.range(0.85, 1.15),
             has_spots: draw.chance(0.4),
         }
     }
 
-    /// Returns the factor of the albedo at texture point `p`, m. Its mean is about 1. Octaves finer than the footprint would
-    /// alias, and fade out; the others take over their contrast, until the coarsest fades, too.
+    /// Returns the factor of the albedo at texture point `p`, m. Its mean is about 1.
     pub(super) fn factor(&self, p: Vec3, footprint_m: f32) -> f32 {
-        let (mut sum, mut squares, mut weight) = (0.0, 0.0, 1.0);
-        let mut frequency_per_m = self.frequency_per_m;
-        for octave in 0..OCTAVES {
-            let finest = frequency_per_m.max_element();
-            let fade = (1.2 - footprint_m * finest).clamp(0.0, 1.0);
-            if fade == 0.0 {
-                break;
-            }
-            let shifted = p * frequency_per_m + Vec3::splat(0.37 * octave as f32);
-            let noise = (noise3(shifted, self.seed.wrapping_add(octave)) - 0.5) / NOISE_DEVIATION;
-            sum += fade * weight * noise;
-            squares += fade * fade * weight * weight;
-            weight *= self.persistence;
-            frequency_per_m *= 2.0;
+        let (mut sum, mut variance) = (0.0, 0.0);
+        for (octave, (frequency_per_m, contrast)) in (0i16..).zip(self.octaves(footprint_m)) {
+            let shifted = p * frequency_per_m + Vec3::splat(0.37 * f32::from(octave));
+            let seed = self.seed.wrapping_add(i32::from(octave));
+            let noise = (noise3(shifted, seed) - 0.5) / NOISE_DEVIATION;
+            sum += contrast * noise;
+            variance += contrast * contrast;
         }
-        if squares == 0.0 {
+        if variance == 0.0 {
             return 1.0;
         }
-        let deviation = squares.sqrt();
+        let deviation = variance.sqrt();
         let mut deviations = (sum / deviation).clamp(-3.0, 3.0);
         if self.has_spots {
             // A normal number times its magnitude has a standard deviation of 3^(1/2).
             deviations *= deviations.abs() / 1.732;
         }
-        let contrast = self.contrast * deviation.min(1.0);
+        let contrast = deviation.min(LARGEST_CONTRAST);
         libm::expf(contrast * (deviations - 0.5 * contrast))
+    }
+
+    /// Yields the frequency (cells per metre) and the contrast of each octave. Octaves finer than the footprint would alias,
+    /// and fade out.
+    fn octaves(&self, footprint_m: f32) -> impl Iterator<Item = (Vec3, f32)> {
+        let coarsest = (self.frequency_per_m, self.octave_contrast);
+        let next = |&(frequency_per_m, contrast): &(Vec3, f32)| {
+            Some((frequency_per_m * 2.0, contrast * self.persistence))
+        };
+        core::iter::successors(Some(coarsest), next)
+            .take(OCTAVES)
+            .map(move |(frequency_per_m, contrast)| {
+                let cells = footprint_m * frequency_per_m.max_element();
+                (frequency_per_m, contrast * (1.2 - cells).clamp(0.0, 1.0))
+            })
+            .take_while(|&(_, contrast)| contrast > 0.0)
     }
 }
 
@@ -93,7 +104,7 @@ mod tests {
     use super::super::material::plain;
     use super::*;
 
-    /// At footprints from 1 mm to 5 cm, factors of many textures have a mean of 1 and their contrast.
+    /// At footprints from 1 mm to 5 cm, factors of many textures have a mean of about 1 and their contrast.
     #[test]
     fn factors_keep_the_mean_and_the_contrast() {
         for footprint_m in [0.001f32, 0.01, 0.05] {
@@ -115,12 +126,14 @@ mod tests {
                 let centre = logs.iter().sum::<f32>() / 4000.0;
                 let variance =
                     logs.iter().map(|l| (l - centre) * (l - centre)).sum::<f32>() / 4000.0;
-                ratio += variance.sqrt() / texture.contrast;
+                let octaves = texture.octaves(footprint_m);
+                let contrast = octaves.map(|(_, contrast)| contrast * contrast).sum::<f32>().sqrt();
+                ratio += variance.sqrt() / contrast.min(LARGEST_CONTRAST);
                 count += 1.0;
             }
             assert!(count > 5.0);
             let (mean, ratio) = (mean / 4000.0 / count, ratio / count);
-            assert!((mean - 1.0).abs() < 0.05, "{mean} at {footprint_m} m");
+            assert!((0.95..1.1).contains(&mean), "{mean} at {footprint_m} m");
             assert!((0.85..1.15).contains(&ratio), "{ratio} at {footprint_m} m");
         }
     }
