@@ -39,8 +39,8 @@ from glasshouse.checkpoints import (
 from glasshouse.learner import Learner, Settings, Tensors, TrainError, checked
 from glasshouse.networks import mean_of_processes, process_count
 
-# Number of steps whose examples are read ahead.
-AHEAD = 8
+# Number of steps whose examples are read ahead, and of threads that read them.
+AHEAD, READERS = 8, 4
 # Loss of a step over the median of all steps from which a step counts as a jump.
 JUMP = 10
 # Settings of the architecture, which the separation stage inherits from the backtrack stage.
@@ -126,8 +126,8 @@ def begin(run: Path, training: Path, stage: str, steps: int, name: str | None, f
 
 
 def prefetched(source: ExampleSource, steps: range) -> Generator[Mapping[str, Any]]:
-    """Yields the examples of steps, which a thread reads ahead."""
-    reader, ahead, unread = ThreadPoolExecutor(1, "examples"), deque[Any](), iter(steps)
+    """Yields the examples of steps, in order, which threads read ahead."""
+    reader, ahead, unread = ThreadPoolExecutor(READERS, "examples"), deque[Any](), iter(steps)
     try:
         for _ in steps:
             while len(ahead) < AHEAD and (step := next(unread, None)) is not None:

@@ -81,6 +81,7 @@ def test_nothing_drawn_gives_the_bits_of_the_tuple(run: Path) -> None:
         "none_share": 0.0,
         "partial_cover": 0.0,
         "rough": 0.0,
+        "textured": 0.0,
         "white_balance": 0.0,
         "reflection_white_balance": 0.0,
         "front_scale": [1.0, 1.0],

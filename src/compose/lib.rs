@@ -58,9 +58,9 @@ pub use bootstrap::Interval;
 pub use camera::{Shot, encode_dng, matrix_inverse, matrix_product};
 pub use composition::{
     Camera, ComposedExample, Composition, CompositionError, Cut, Draw, DrawnCamera, DrawnExposure,
-    DrawnSensor, DrawnStrength, DrawnZhang, Exposure, LUMINANCE, Layer, Layering, LinearExample,
-    LinearTuple, LogNormal, Mixtures, PercentileExposure, SharedBytes, Side, StoredLayer, Strength,
-    TargetLight, TupleLayers, srgb_code,
+    DrawnSensor, DrawnStrength, DrawnTexture, DrawnZhang, Exposure, LUMINANCE, Layer, Layering,
+    LinearExample, LinearTuple, LogNormal, Mixtures, PercentileExposure, SharedBytes, Side,
+    StoredLayer, Strength, TargetLight, TupleLayers, srgb_code,
 };
 pub use error::EvaluateError;
 pub use factor::{Factor, own_best_factor};
@@ -91,6 +91,7 @@ pub fn prepare() {
     curve::prepare();
     composition::prepare_codes();
     composition::prepare_powers();
+    composition::prepare_textures();
     camera::prepare_photons();
 }
 

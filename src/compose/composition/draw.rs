@@ -2,6 +2,7 @@
 
 use super::mixture::DrawnZhang;
 use super::settings::{Camera, Composition, Exposure, LogNormal, Strength, TargetLight};
+use super::texture::DrawnTexture;
 use crate::random::Stream;
 use render::line::Sensor;
 
@@ -32,6 +33,8 @@ pub struct Draw {
     pub cover: Option<u64>,
     /// Standard deviation of the blur of a rendered reflection, px; 0 for none.
     pub rough_px: f64,
+    /// Textures of the surfaces; `None` for none.
+    pub texture: Option<DrawnTexture>,
     /// `None` for layers coded in sRGB.
     pub camera: Option<DrawnCamera>,
     /// A calibrated sensor in place of `camera`: [`Draw::with_sensor`].
@@ -123,6 +126,8 @@ impl Draw {
         let cover = stream.bits();
         let is_rough = stream.unit() <= settings.rough;
         let rough_px = stream.log_uniform(settings.rough_px);
+        let is_textured = stream.unit() <= settings.textured;
+        let texture = DrawnTexture { seed: stream.bits(), sigma: settings.texture_sigma };
         Self {
             is_other,
             strength,
@@ -137,6 +142,7 @@ impl Draw {
             zhang,
             cover: is_partial.then_some(cover),
             rough_px: if is_rough { rough_px } else { 0.0 },
+            texture: is_textured.then_some(texture),
             camera: settings.camera.enabled.then_some(camera),
             sensor: None,
         }
@@ -161,6 +167,7 @@ impl Draw {
             && self.exposure.is_none()
             && self.cover.is_none()
             && self.rough_px == 0.0
+            && self.texture.is_none()
             && self.camera.is_none()
             && self.sensor.is_none()
     }
@@ -341,14 +348,15 @@ mod tests {
         let settings = Composition::default();
         let mut without = settings.clone();
         without.camera.enabled = false;
-        (without.partial_cover, without.rough) = (0.5, 0.5);
+        (without.partial_cover, without.rough, without.textured) = (0.5, 0.5, 0.5);
         let switched = draws(&without);
         assert!((share(&switched, |d| d.cover.is_some()) - 0.5).abs() < 0.012);
         let rough = switched.iter().map(|d| d.rough_px).filter(|px| *px > 0.0);
         assert_distribution(rough.collect(), log_uniform([0.5, 6.0]), "rough");
+        assert!((share(&switched, |d| d.texture.is_some()) - 0.5).abs() < 0.012);
         for (mut a, mut b) in draws(&settings).into_iter().zip(switched).take(100) {
             a.camera = None;
-            (b.cover, b.rough_px) = (None, 0.0);
+            (b.cover, b.rough_px, b.texture) = (None, 0.0, None);
             assert_eq!(a, b);
         }
     }

@@ -127,22 +127,25 @@ impl Draw {
         let (mut ahead, mut reflection, mut clean) = if layering == Layering::Rendered {
             let clean = back.tuple.clean_reflection.as_ref();
             let clean = clean.map(|layer| back.layer(layer, side_px));
-            let mut reflection = back.layer(&back.tuple.glass_reflection, side_px);
-            blur(&mut reflection, [side_px; 2], self.rough_px);
+            let reflection = back.layer(&back.tuple.glass_reflection, side_px);
             (front.tuple.crop_front(front.cut, side_px), reflection, clean)
         } else {
             let share = self.transmitted as f32;
             let ahead = transmission.iter().map(|value| value * share).collect();
             let clean = back.layer(&back.tuple.transmission, side_px);
-            let mut reflection = clean.clone();
-            let blur = |planes: &mut [f32]| blur(planes, [side_px; 2], self.mixture_blur_px);
-            if layering == Layering::CeilnetMixture {
-                blur_codes(&mut reflection, blur);
-            } else {
-                blur(&mut reflection);
-            }
-            (ahead, reflection, Some(clean))
+            (ahead, clean.clone(), Some(clean))
         };
+        if let Some(texture) = &self.texture {
+            texture.multiply("front", &mut transmission, Some(&mut ahead), side_px);
+            texture.multiply("reflection", &mut reflection, clean.as_mut(), side_px);
+        }
+        match layering {
+            Layering::Rendered => blur(&mut reflection, [side_px; 2], self.rough_px),
+            Layering::CeilnetMixture => blur_codes(&mut reflection, |codes| {
+                blur(codes, [side_px; 2], self.mixture_blur_px);
+            }),
+            _ => blur(&mut reflection, [side_px; 2], self.mixture_blur_px),
+        }
         // The tuple's own reflection, if it is not blurred, is 0 already where its pane does not reach.
         let needs_coverage = other.is_some() || self.rough_px > 0.0;
         if let Some(coverage) = front.tuple.coverage.as_ref().filter(|_| needs_coverage) {
@@ -261,7 +264,7 @@ fn scale(planes: &mut [f32], factors: [f64; 3]) {
 }
 
 /// Multiplies each plane by another one.
-fn multiply_planes(planes: &mut [f32], by: &[f32]) {
+pub(super) fn multiply_planes(planes: &mut [f32], by: &[f32]) {
     for plane in planes.chunks_exact_mut(by.len()) {
         plane.iter_mut().zip(by).for_each(|(value, factor)| *value *= factor);
     }

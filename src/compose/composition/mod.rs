@@ -6,8 +6,8 @@
 //!
 //! ```text
 //! settings -> draw (all numbers of an example)
-//! layers (tuples as halves) -> cut, resample -> example (factors, sum) -> exposure -> camera (blur, noise, curve, jpeg)
-//!                                   mixture ^ `-> code (nothing drawn: the tuple's bits)
+//! layers (tuples as halves) -> cut, resample -> texture -> example (factors, sum) -> exposure -> camera (blur, noise, curve, jpeg)
+//!                                              mixture ^ `-> code (nothing drawn: the tuple's bits)
 //! ```
 //!
 //! Examples are functions of the settings, the tuples and two streams of random numbers; no result depends on the
@@ -27,6 +27,7 @@ mod power;
 mod sensor;
 mod settings;
 mod stored;
+mod texture;
 
 pub(crate) use code::prepare as prepare_codes;
 pub use code::srgb_code;
@@ -42,6 +43,8 @@ pub use settings::{
     Strength, TargetLight,
 };
 pub use stored::{SharedBytes, StoredLayer};
+pub use texture::DrawnTexture;
+pub(crate) use texture::prepare as prepare_textures;
 
 #[cfg(test)]
 mod tests;

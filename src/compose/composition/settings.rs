@@ -20,6 +20,10 @@ pub struct Composition {
     pub rough: f64,
     /// Standard deviation of this blur, px; log-uniform.
     pub rough_px: [f64; 2],
+    /// Share of examples whose surfaces, of the front and of the reflection, get textures.
+    pub textured: f64,
+    /// Standard deviation of the logarithm of a texture's factors of light, of each kind of surface; log-uniform.
+    pub texture_sigma: [f64; 2],
     /// Standard deviation of the logarithms of three factors, one per channel, of the whole picture's white balance.
     pub white_balance: f64,
     /// The same for the reflection alone.
@@ -142,6 +146,8 @@ impl Default for Composition {
             partial_cover: 0.0,
             rough: 0.0,
             rough_px: [0.5, 6.0],
+            textured: 0.0,
+            texture_sigma: [0.03, 0.45],
             white_balance: 0.08,
             reflection_white_balance: 0.15,
             front_scale: [1.0, 1.0],
@@ -214,6 +220,7 @@ impl Composition {
             ("composition.none_share", self.none_share),
             ("composition.partial_cover", self.partial_cover),
             ("composition.rough", self.rough),
+            ("composition.textured", self.textured),
             ("composition.camera.blur_share", camera.blur_share),
             ("composition.camera.jpeg_share", camera.jpeg_share),
         ] {
@@ -241,6 +248,12 @@ impl Composition {
             self.rough_px,
             [0.01, 20.0],
             "a rising range from 0.01 to 20",
+        )?;
+        check(
+            "composition.texture_sigma",
+            self.texture_sigma,
+            [0.001, 1.0],
+            "a rising range from 0.001 to 1",
         )?;
         check("composition.mixture.blur_px", self.mixture.blur_px, [0.0, 20.0], blur)?;
         check("composition.camera.blur_px", camera.blur_px, [0.0, 20.0], blur)?;
@@ -367,6 +380,7 @@ mod tests {
         assert!(text.starts_with("composition.camera.jpeg_quality is [0, 90], but"), "{text}");
         assert!(refused(|c| c.camera.blur_px = [-1.0, 1.0]).starts_with("composition.camera.blur"));
         assert!(refused(|c| c.rough_px = [0.0, 6.0]).contains("a rising range from 0.01 to 20"));
+        assert!(refused(|c| c.texture_sigma = [0.0, 0.1]).contains("texture_sigma is [0, 0.1]"));
         assert!(refused(|c| c.partial_cover = -0.1).contains("partial_cover is -0.1"));
         let narrow = LogNormal { median: 0.01, sigma: 1.0, range: [1.0, 2.0] };
         let strength = Strength::LogNormal(narrow);

@@ -6,6 +6,8 @@ use super::*;
 use crate::Stream;
 use proptest::prelude::*;
 
+mod texture;
+
 const SIDE: usize = 48;
 
 const LAYERINGS: [Layering; 4] =
