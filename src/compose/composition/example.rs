@@ -5,7 +5,7 @@ use super::camera::without_camera;
 use super::code::srgb_code;
 use super::cover::cover;
 use super::draw::{Draw, DrawnStrength};
-use super::layers::{LinearTuple, channel_means, luminance};
+use super::layers::{LinearTuple, channel_means, luminance, multiply_planes};
 use super::mixture::{add_codes, blur_codes};
 use super::settings::TargetLight;
 use crate::blur::blur;
@@ -260,12 +260,5 @@ fn scale(planes: &mut [f32], factors: [f64; 3]) {
                 *value *= factor;
             }
         }
-    }
-}
-
-/// Multiplies each plane by another one.
-pub(super) fn multiply_planes(planes: &mut [f32], by: &[f32]) {
-    for plane in planes.chunks_exact_mut(by.len()) {
-        plane.iter_mut().zip(by).for_each(|(value, factor)| *value *= factor);
     }
 }

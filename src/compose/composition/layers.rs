@@ -195,6 +195,13 @@ pub(super) fn channel_means(planes: &[f32]) -> [f64; 3] {
     })
 }
 
+/// Multiplies each plane by another one.
+pub(super) fn multiply_planes(planes: &mut [f32], by: &[f32]) {
+    for plane in planes.chunks_exact_mut(by.len()) {
+        plane.iter_mut().zip(by).for_each(|(value, factor)| *value *= factor);
+    }
+}
+
 /// Returns the luminance of a colour.
 pub(super) fn luminance(colour: [f64; 3]) -> f64 {
     LUMINANCE.iter().zip(colour).map(|(share, value)| share * value).sum()

@@ -1,6 +1,6 @@
 //! Textures of surfaces: factors of light with details down to single pixels, which smooth pictures lack.
 
-use super::example::multiply_planes;
+use super::layers::multiply_planes;
 use crate::random::Stream;
 use std::sync::LazyLock;
 
