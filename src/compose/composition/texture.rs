@@ -84,7 +84,7 @@ impl Surfaces {
 
 /// Returns the binary logarithm of a positive number, plus 127: exact at powers of two and linear between them.
 fn doublings(value: f32) -> f32 {
-    value.to_bits() as f32 / (1 << f32::MANTISSA_DIGITS - 1) as f32
+    value.to_bits() as f32 / (1 << (f32::MANTISSA_DIGITS - 1)) as f32
 }
 
 /// The texture of a kind of surface: octaves of noise, turned and stretched.

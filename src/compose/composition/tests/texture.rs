@@ -60,9 +60,9 @@ fn bits_of_textures_do_not_change() {
         let (front, back) = (tuple(seed), tuple(seed + 1));
         let made = example(&drawn, layering, whole(&front), Some(whole(&back)));
         for layer in [&made.input, &made.transmission, &made.glass_reflection] {
-            layer.iter().for_each(|value| {
+            for value in layer {
                 hasher.update(&value.to_le_bytes());
-            });
+            }
         }
     }
     assert_eq!(&hasher.finalize().to_hex()[..16], "d0b345f08c1351c0");
