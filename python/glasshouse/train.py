@@ -308,7 +308,8 @@ def main() -> int:
             return of_run
         exported = glasshouse.Examples(options.export, settings, memory_mb=memory_mb)
         if exported.scenes_blake3 != of_run.scenes_blake3:
-            raise TrainError(f"{options.export} does not have the train scenes of {run}: export the run again", 5)
+            found = f"the {exported.scenes} train scenes of {options.export} are not the {of_run.scenes} of {run}"
+            raise TrainError(f"{found}: export the run again, or train without --export if scenes are in quarantine", 5)
         return exported
 
     def catch(number: int, _frame: object) -> None:
