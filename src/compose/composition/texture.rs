@@ -234,7 +234,7 @@ mod tests {
         assert!(found.len() >= 3, "{found:?}");
     }
 
-    /// Layers of the same surfaces get the same factors, of which the colour, not the channel, decides.
+    /// Layers of the same surfaces get the same factors, and so do the three channels of a pixel.
     #[test]
     fn layers_of_the_same_surfaces_have_the_same_texture() {
         let texture = DrawnTexture { seed: 6, sigma: [0.2; 2] };
