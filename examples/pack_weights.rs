@@ -2,7 +2,7 @@
 //! `evaluate` read it; no training resumes from it.
 //!
 //! ```text
-//! cargo run --release --example pack_weights -- RUN/train/NAME/separation/step-0012000 src/train/weights
+//! cargo run --release --example pack_weights -- RUN/train/NAME/separation/step-0025000 src/train/weights
 //! ```
 
 #![allow(clippy::print_stdout, reason = "examples show their results")]

@@ -17,7 +17,7 @@ pub(crate) const NOT_RUN: &[(&str, &str)] = &[
     ("glasshouse run manifests/wild.toml --root photos=/data/holiday-depth", "needs depth maps of that command; tests/farm/pictures.rs renders such a folder"),
     ("glasshouse train RUN --stage backtrack --steps 20000 --features vgg19.safetensors", "VGG-19's weights are not shipped; tests/train/training.rs reads narrower weights from a file"),
     ("glasshouse train RUN --name without …", "VGG-19's weights are not shipped; tests/train/training.rs uses a preset with a narrower file"),
-    ("glasshouse train runs/learn --name unet-seed-1 --steps 12000", "needs a planned run of learn.toml; tests/train/names.rs trains with names of a recipe"),
+    ("glasshouse train runs/learn --name unet-seed-1 --steps 25000", "needs a planned run of learn.toml; tests/train/names.rs trains with names of a recipe"),
     ("glasshouse sample FOLDER/photos …", "begins an experiment of hours"),
     ("glasshouse plan FOLDER/windows.toml --out RUN", "needs a recipe of docs/proof/recipes.py"),
     ("glasshouse export RUN --format safetensors --out EXPORT", "belongs to the same experiment; tests/formats exports small runs"),
