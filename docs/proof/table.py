@@ -4,7 +4,8 @@
     docs/proof/table.py EVALUATION.csv ROW OTHER [ROW OTHER ...]
 
 A row is the name of a method, whose seeds are called NAME-seed-1, NAME-seed-2, ...: `composed linear` prints the differences
-of composed to linear before and after own factors, for all pictures and for each group, and both spreads of seeds.
+of composed to linear, in dB before and after own factors and in SSIM, for all pictures and for each group, and both spreads of
+seeds.
 """
 
 import csv
@@ -12,15 +13,16 @@ import random
 import statistics
 import sys
 
-COLUMNS = ("psnr_colour_db", "psnr_own_factor_db")
+# Column, name and decimals.
+SCORES = (("psnr_colour_db", "raw", 2), ("psnr_own_factor_db", "own", 2), ("ssim_grey", "SSIM", 4))
 
 
 def read(path):
-    """Returns the scores of seeds: method -> picture -> two scores, and the group of each picture."""
+    """Returns the scores of seeds: method -> picture -> scores, and the group of each picture."""
     scores, groups = {}, {}
     with open(path, newline="") as file:
         for line in csv.DictReader(file):
-            scores.setdefault(line["method"], {})[line["image"]] = [float(line[column]) for column in COLUMNS]
+            scores.setdefault(line["method"], {})[line["image"]] = [float(line[column]) for column, *_ in SCORES]
             groups[line["image"]] = line["group"]
     return scores, groups
 
@@ -47,13 +49,14 @@ def compare(scores, groups, row, other):
     for group in ["all", *(names if len(names) > 1 else [])]:
         pictures = [picture for picture, of in groups.items() if group in ("all", of)]
         cells = []
-        for column in range(2):
+        for column, (_, name, decimals) in enumerate(SCORES):
             by_seed = [[statistics.fmean(s[p][column] for p in pictures) for s in of] for of in (ones, others)]
-            spread = " + ".join(f"{statistics.stdev(means):.2f}" if len(means) > 1 else "?" for means in by_seed)
+            spread = " + ".join(f"{statistics.stdev(means):.{decimals}f}" if len(means) > 1 else "?" for means in by_seed)
             means = [{p: statistics.fmean(s[p][column] for s in of) for p in pictures} for of in (ones, others)]
             mean, low, high = interval([means[0][p] - means[1][p] for p in pictures])
-            cells.append(f"{mean:+.2f} [{low:+.2f}, {high:+.2f}] (seeds {spread})")
-        print(f"  {group:10} n {len(pictures):3}  raw {cells[0]}; own {cells[1]}")
+            limits = f"[{low:+.{decimals}f}, {high:+.{decimals}f}]"
+            cells.append(f"{name} {mean:+.{decimals}f} {limits} (seeds {spread})")
+        print(f"  {group:10} n {len(pictures):3}  {'; '.join(cells)}")
 
 
 def main():
