@@ -22,6 +22,8 @@ pub(crate) const NOT_RUN: &[(&str, &str)] = &[
     ("glasshouse plan FOLDER/windows.toml --out RUN", "needs a recipe of docs/proof/recipes.py"),
     ("glasshouse export RUN --format safetensors --out EXPORT", "belongs to the same experiment; tests/formats exports small runs"),
     ("glasshouse evaluate --index pairs.csv --longest 640 --factor 0.83 --veil 0.88,0.8 --out EVALUATION …", "needs its checkpoints"),
+    ("glasshouse run FOLDER/test-near.toml --out TEST", "needs a recipe of docs/proof/recipes.py"),
+    ("glasshouse evaluate TEST …", "needs its checkpoints"),
     ("glasshouse separate photo.jpg --network converted --features FEATURES --out separated", "the published weights are not shipped; tests/train/bundle.rs converts a narrower checkpoint"),
     ("glasshouse bench trace --no-builtin $(printf …", "needs scenes that another test makes from photographs that are not shipped"),
     ("nats-server …", "starts a server, as tests/support/nats.rs does; tests/docs/launch/nats.rs uses this configuration"),
