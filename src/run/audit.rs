@@ -166,22 +166,30 @@ pub(crate) fn audit_scene(
         let Some(stored) = stored else { continue };
         let Some(made) = made.file(key)? else { continue };
         audit.files += 1;
-        audit.differences.extend(compare(key, &made, &without_maker(key, stored)));
+        let (stored, maker) = without_maker(key, stored);
+        let Some(mut difference) = compare(key, &made, &stored) else { continue };
+        difference.made_by = if key.starts_with(keys::PARTIALS) {
+            maker.into_iter().collect()
+        } else {
+            audit.receipt.iter().flat_map(Provenance::workers).cloned().collect()
+        };
+        audit.differences.push(difference);
     }
     audit.verdict = if audit.differences.is_empty() { Verdict::Same } else { Verdict::Differs };
     Ok(Some(audit))
 }
 
-/// Removes the maker's name from a partial, because every worker may make it. Returns other files, and partials that
+/// Takes the maker's name out of a partial, because every worker may make it. Returns other files, and partials that
 /// cannot be read, as they are.
-fn without_maker(key: &str, stored: Bytes) -> Bytes {
+fn without_maker(key: &str, stored: Bytes) -> (Bytes, Option<String>) {
     if !key.starts_with(keys::PARTIALS) {
-        return stored;
+        return (stored, None);
     }
-    match partial::decode(Path::new(key), &stored) {
-        Ok(found) => partial::encode(&Partial { maker: None, ..found }).map_or(stored, Bytes::from),
-        Err(_) => stored,
-    }
+    let Ok(mut found) = partial::decode(Path::new(key), &stored) else {
+        return (stored, None);
+    };
+    let maker = found.maker.take().map(|maker| maker.worker);
+    (partial::encode(&found).map_or(stored, Bytes::from), maker)
 }
 
 /// Reads the record of a scene's tuple. Ignores a damaged record, because `audit_scene` compares the record like any

@@ -11,6 +11,8 @@ use std::collections::BTreeSet;
 pub(crate) struct FileDifference {
     /// Key of the file in the store.
     pub(crate) file: String,
+    /// Workers that made the file: the maker that a partial names, or those of the tuple's receipts. Empty if unknown.
+    pub(crate) made_by: BTreeSet<String>,
     /// Number of differing pixels, for an image.
     pub(crate) pixels: Option<u64>,
     /// Number of all pixels, for an image.
@@ -34,13 +36,15 @@ struct Pixels {
 /// Largest number of JSON fields to name.
 const FIELDS_NAMED: usize = 8;
 
-/// Compares the bytes `stored` under `file` with the bytes `made` now; returns `None` if they are equal.
+/// Compares the bytes `stored` under `file` with the bytes `made` now; returns `None` if they are equal. The caller fills
+/// in `made_by`.
 pub(crate) fn compare(file: &str, made: &[u8], stored: &[u8]) -> Option<FileDifference> {
     if made == stored {
         return None;
     }
     let mut difference = FileDifference {
         file: file.to_owned(),
+        made_by: BTreeSet::new(),
         pixels: None,
         of_pixels: None,
         largest: None,

@@ -97,14 +97,12 @@ fn partials_are_compared_unless_inputs_have_changed() {
     let folder = text(&place.run);
     let (id, made) = partials(&place.run, 0);
     let mut made = made[..3].to_vec();
-    let (header, mut pixels) = (made[1].header.clone(), made[1].pixels.clone());
-    pixels[7].mean[0][0] += 1.0;
-    // This partial has a valid digest and a wrong pixel.
-    made[1] = Partial::new(header, pixels, LabelImages::new());
+    made[1] = with_wrong_pixel(&made[1]);
     // Any worker may have made an equal partial.
     made[2].maker = Some(Maker { worker: "another-1".to_owned(), host: "another".to_owned() });
     put_partials(&place.run, &id, &made);
-    let found = run(&["audit", folder, "--scene", &id, "--json"]).expect(1).json();
+    let found = run(&["audit", folder, "--scene", &id, "--json"]).expect(1);
+    let found = found.says(&["made by: unknown makers of partials"]).json();
     let differences = found["scenes"][0]["differences"].as_array().unwrap();
     assert_eq!(differences.len(), 1, "{differences:#?}");
     assert_eq!(differences[0]["file"], format!("partials/{id}/000001.exr"));
@@ -151,6 +149,28 @@ fn the_audit_names_the_worker() {
     let honest = worker_at(&place, &server, store);
     all_done(coordinator, [honest]);
     run(&audit).expect(0);
+
+    // A worker that looks up late leaves a wrong partial beside the good tuple of another one.
+    let (id, mut made) = partials(&place.run, 0);
+    made[1] = with_wrong_pixel(&made[1]);
+    for partial in &mut made {
+        partial.maker = Some(Maker { worker: "late".to_owned(), host: "another".to_owned() });
+    }
+    put_partials(Path::new(store), &id, &made);
+    let found = run(&audit).expect(1).says(&["made by: late\n"]).json();
+    let counts = found["workers"].as_array().unwrap();
+    assert!(counts.contains(&json!({"worker": "late", "differ": 1, "audited": 1})), "{counts:?}");
+    assert_eq!(counts.iter().filter(|worker| worker["differ"] != 0).count(), 1, "{counts:?}");
+    let scenes = found["scenes"].as_array().unwrap();
+    let differs = scenes.iter().find(|scene| scene["verdict"] == "differs").unwrap();
+    assert_eq!(differs["differences"][0]["made_by"], json!(["late"]));
+}
+
+/// Returns a partial with a valid digest and a wrong pixel.
+fn with_wrong_pixel(partial: &Partial) -> Partial {
+    let (header, mut pixels) = (partial.header.clone(), partial.pixels.clone());
+    pixels[7].mean[0][0] += 1.0;
+    Partial::new(header, pixels, LabelImages::new())
 }
 
 fn worker_at(place: &Place, server: &Nats, store: &str) -> crate::support::program::Running {

@@ -8,7 +8,7 @@ use crate::cli::signals::Signals;
 use crate::cli::target;
 use crate::run::{
     AuditOptions, FileDifference, Provenance, Run, SceneAudit, Verdict, audit_scene, check_auditor,
-    draw_scenes,
+    draw_scenes, keys,
 };
 use crate::store::Store;
 use clap::Args as ClapArgs;
@@ -16,7 +16,7 @@ use render::ids::SceneId;
 use render::line::Roots;
 use serde::Serialize;
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -214,19 +214,40 @@ impl fmt::Display for Audited<'_> {
 fn workers(audits: &[SceneAudit]) -> Vec<WorkerAudit> {
     let mut workers: BTreeMap<String, [u64; 2]> = BTreeMap::new();
     for audit in audits.iter().filter(|a| a.verdict != Verdict::NotCompared) {
-        let counts = workers.entry(maker(audit)).or_default();
-        counts[0] += u64::from(audit.verdict == Verdict::Differs);
-        counts[1] += 1;
+        let differing = makers_of_differences(audit);
+        let mut all = differing.clone();
+        if audit.receipt.is_some() || all.is_empty() {
+            all.insert(makers(audit));
+        }
+        for worker in all {
+            let differs = differing.contains(&worker);
+            let counts = workers.entry(worker).or_default();
+            counts[0] += u64::from(differs);
+            counts[1] += 1;
+        }
     }
     let worker =
         |(worker, [differ, audited]): (String, [u64; 2])| WorkerAudit { worker, differ, audited };
     workers.into_iter().map(worker).collect()
 }
 
-/// Returns the names of the workers that made a scene. Workers outside a farm write no receipt.
-fn maker(audit: &SceneAudit) -> String {
+/// Returns the names of the workers that made a scene's tuple. Workers outside a farm write no receipt.
+fn makers(audit: &SceneAudit) -> String {
     let receipt = audit.receipt.as_ref();
     receipt.map_or_else(|| "no receipt".to_owned(), Provenance::makers)
+}
+
+/// Returns the names of the workers that made the differing files. A late worker may have put wrong partials beside a
+/// good tuple of other workers, so a partial's own maker counts.
+fn makers_of_differences(audit: &SceneAudit) -> BTreeSet<String> {
+    let of_file = |difference: &FileDifference| {
+        if !difference.file.starts_with(keys::PARTIALS) {
+            return makers(audit);
+        }
+        let maker = difference.made_by.first();
+        maker.map_or_else(|| "unknown makers of partials".to_owned(), String::clone)
+    };
+    audit.differences.iter().map(of_file).collect()
 }
 
 fn describe(audit: &SceneAudit) -> String {
@@ -238,7 +259,7 @@ fn describe(audit: &SceneAudit) -> String {
         "scene {scene} differs, {} of {} files; made by: {}",
         audit.differences.len(),
         audit.files,
-        maker(audit)
+        Vec::from_iter(makers_of_differences(audit)).join("; ")
     );
     for difference in &audit.differences {
         let _ = write!(text, "\n  {}: {}", difference.file, amount(difference));
