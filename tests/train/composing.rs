@@ -3,7 +3,7 @@
 
 use crate::support::program::run;
 use crate::training::{Place, place, small};
-use compose::{Composition, Exposure, Strength};
+use compose::{Composition, Exposure, Strength, TargetLight};
 use crossbeam::channel::{Sender, bounded};
 use glasshouse::{compose, plan, render, run::Run, store::Store};
 use plan::{ExampleKind, TrainSettings};
@@ -161,11 +161,13 @@ fn examples_of_an_unfinished_run_use_the_scenes_before_theirs() {
     assert!(matches!(sampler.examples(1), Err(ExampleError::Stopped)));
 }
 
-/// Crops, factors and the other tuple are the same for all kinds, so targets are equal, and inputs are not.
+/// Crops, factors and the other tuple are the same for all kinds, so targets are equal but for the pane's losses, and inputs
+/// are not.
 #[test]
 fn kinds_share_their_numbers() {
     let place = place();
-    let mut composition = Composition::default();
+    let target_light = TargetLight::WithoutPane;
+    let mut composition = Composition { target_light, ..Composition::default() };
     (composition.other_share, composition.none_share) = (1.0, 0.0);
     (composition.exposure, composition.camera.enabled) = (Exposure::OfTuple, false);
     let of = |kind| -> Vec<Example> {

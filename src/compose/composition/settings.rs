@@ -152,7 +152,7 @@ impl Default for Composition {
             reflection_white_balance: 0.15,
             front_scale: [1.0, 1.0],
             reflection_scale: [1.0, 2.0],
-            target_light: TargetLight::WithoutPane,
+            target_light: TargetLight::ThroughPane,
             exposure: Exposure::Percentile(PercentileExposure {
                 percentile: [93.0, 99.8],
                 level: [0.1, 1.3],
@@ -206,6 +206,7 @@ impl Composition {
             reflection_white_balance: 0.0,
             front_scale: [1.0; 2],
             reflection_scale: [1.0; 2],
+            target_light: TargetLight::WithoutPane,
             exposure: Exposure::OfTuple,
             camera: Camera { enabled: false, ..Camera::default() },
             ..Self::default()

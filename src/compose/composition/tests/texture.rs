@@ -4,7 +4,7 @@ use super::*;
 
 fn textured(seed: u64, change: fn(&mut Composition)) -> Draw {
     let exposure = Exposure::OfTuple;
-    let mut settings = Composition { exposure, none_share: 0.0, ..Composition::default() };
+    let mut settings = Composition { exposure, none_share: 0.0, ..own_light() };
     change(&mut settings);
     draw(&Composition { textured: 1.0, ..settings }, seed)
 }
