@@ -108,9 +108,13 @@ def a_priori(is_on):
 def sets(windows, paper, wild):
     """Yields the name of each set of tuples and its recipe."""
     yield "windows", windows | {"train": [*deciding(), *without_pane(), a_priori(True), a_priori(False), *explored()]}
+    wild_like = {**windows, **{key: wild[key] for key in ("camera", "glass", "front", "back")}, "cover": None}
+    in_focus = {**wild_like, "camera": wild["camera"] | {"focus": windows["camera"]["focus"]}}
     others = {
         "paper": {**windows, "camera": paper["camera"], "glass": paper["glass"], "cover": None},
-        "wild": {**windows, **{key: wild[key] for key in ("camera", "glass", "front", "back")}, "cover": None},
+        "wild": wild_like,
+        "wild-in-focus": in_focus,
+        "wild-one-light": {**in_focus, "back": wild["back"] | {"front_illuminant_share": 0.75}},
         "mixed-light": {**windows, "back": less(windows["back"], "front_illuminant_share")},
         "no-cover": {**windows, "cover": None},
         "no-roughness": {**windows, "glass": less(windows["glass"], "roughness", "smudges")},
