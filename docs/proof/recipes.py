@@ -32,6 +32,9 @@ BLURRED = {**COMPOSITION, "rough": 1, "rough_px": [1.5, 5]}
 # Casts as wide as those of photographs, and fronts nearer to their sharpness (photographs.py).
 OF_PHOTOGRAPHS = {"white_balance": 0.25, "front_scale": [1, 2]}
 
+# The focus of wild.toml before these trainings.
+EVERYWHERE = {"choice": ["front_center", "back_center", "glass"]}
+
 # At a rate of 2e-3, the losses of single steps of a training of this length jump by many powers of ten.
 SETTINGS = {
     "network": "unet",
@@ -108,13 +111,13 @@ def a_priori(is_on):
 def sets(windows, paper, wild):
     """Yields the name of each set of tuples and its recipe."""
     yield "windows", windows | {"train": [*deciding(), *without_pane(), a_priori(True), a_priori(False), *explored()]}
-    wild_like = {**windows, **{key: wild[key] for key in ("camera", "glass", "front", "back")}, "cover": None}
-    in_focus = {**wild_like, "camera": wild["camera"] | {"focus": windows["camera"]["focus"]}}
+    wide = {**windows, **{key: wild[key] for key in ("camera", "glass", "front", "back")}, "cover": None}
+    wide_light = {**wide, "back": less(wild["back"], "front_illuminant_share")}
     others = {
         "paper": {**windows, "camera": paper["camera"], "glass": paper["glass"], "cover": None},
-        "wild": wild_like,
-        "wild-in-focus": in_focus,
-        "wild-one-light": {**in_focus, "back": wild["back"] | {"front_illuminant_share": 0.75}},
+        "wild": {**wide_light, "camera": wild["camera"] | {"focus": EVERYWHERE}},
+        "wild-in-focus": wide_light,
+        "wild-one-light": wide,
         "mixed-light": {**windows, "back": less(windows["back"], "front_illuminant_share")},
         "no-cover": {**windows, "cover": None},
         "no-roughness": {**windows, "glass": less(windows["glass"], "roughness", "smudges")},
