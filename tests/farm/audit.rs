@@ -150,7 +150,7 @@ fn the_audit_names_the_worker() {
     all_done(coordinator, [honest]);
     run(&audit).expect(0);
 
-    // A worker that looks up late leaves a wrong partial beside the good tuple of another one.
+    // A worker that was suspended leaves a wrong partial beside the good tuple of another one.
     let (id, mut made) = partials(&place.run, 0);
     made[1] = with_wrong_pixel(&made[1]);
     for partial in &mut made {
