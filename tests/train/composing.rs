@@ -161,8 +161,8 @@ fn examples_of_an_unfinished_run_use_the_scenes_before_theirs() {
     assert!(matches!(sampler.examples(1), Err(ExampleError::Stopped)));
 }
 
-/// Crops, factors and the other tuple are the same for all kinds, so targets are equal but for the pane's losses, and inputs
-/// are not.
+/// Crops, factors and the other tuple are the same for all kinds, so targets with their own light are equal, and inputs are
+/// not.
 #[test]
 fn kinds_share_their_numbers() {
     let place = place();
