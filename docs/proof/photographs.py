@@ -2,7 +2,7 @@
 """Compares the fronts and reflections of a training's examples with photographs, for docs/proof.md.
 
     docs/proof/photographs.py --photos DIR
-    docs/proof/photographs.py RUN --name TRAINING [--export EXPORT] [--photos DIR]
+    docs/proof/photographs.py RUN --name composed-seed-1 [--export EXPORT] [--photos DIR]
 
 Prints of crops of 128 px: the standard deviation of log R/G and log B/G, of means in linear light (the cast of a crop),
 and percentiles 10, 50 and 90 of the mean difference of neighbouring pixels over the mean, in codes (its sharpness).
@@ -65,6 +65,8 @@ def main():
         show("photographs", photographs(args.photos))
     if not args.run:
         return
+    # For `train_settings`, an unknown name begins a training with the default settings; here it is an error.
+    glasshouse.Mixtures(args.run, name=args.name)
     settings = {**glasshouse.train_settings(args.run, name=args.name), "batch": BATCH, "crop_px": SIDE_PX}
     source = glasshouse.Examples(args.export or args.run, settings)
     made = [source.step(step) for step in range(EXAMPLES // BATCH)]

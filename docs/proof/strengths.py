@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Measures the strengths of reflections, the mean luminance of R~ over that of F = I - R~, for docs/proof.md.
 
-    docs/proof/strengths.py RUN                  # of the first 500 train tuples; writes strengths.json beside this script
-    docs/proof/strengths.py RUN --name TRAINING  # of the first 2,000 examples of a training of the run's recipe
+    docs/proof/strengths.py RUN                         # of the first 500 train tuples; writes strengths.json
+    docs/proof/strengths.py RUN --name composed-seed-1  # of the first 2,000 examples of a training of the run's recipe
 
 Prints percentiles. Needs the Python package.
 """
@@ -45,6 +45,8 @@ def main():
     parser.add_argument("--name", help="training of the run's recipe")
     args = parser.parse_args()
     if args.name:
+        # For `train_settings`, an unknown name begins a training with the default settings; here it is an error.
+        glasshouse.Mixtures(args.run, name=args.name)
         found = strengths(args.run, glasshouse.train_settings(args.run, name=args.name), EXAMPLES)
     else:
         settings = {"examples": "composed", "crop_px": 256, "flip": False, "scenes": TUPLES, "composition": OF_TUPLES}
