@@ -4,7 +4,7 @@
     docs/proof/strengths.py RUN                         # of the first 500 train tuples; writes strengths.json
     docs/proof/strengths.py RUN --name composed-seed-1  # of the first 2,000 examples of a training of the run's recipe
 
-Prints percentiles. Needs the Python package.
+Prints percentiles; strengths.json is beside this script. Needs the Python package.
 """
 
 import argparse
