@@ -65,10 +65,8 @@ def main():
         show("photographs", photographs(args.photos))
     if not args.run:
         return
-    # For `train_settings`, an unknown name begins a training with the default settings; here it is an error.
-    glasshouse.Mixtures(args.run, name=args.name)
-    settings = {**glasshouse.train_settings(args.run, name=args.name), "batch": BATCH, "crop_px": SIDE_PX}
-    source = glasshouse.Examples(args.export or args.run, settings)
+    settings = glasshouse.train_settings(args.run, name=args.name, of_recipe=True)
+    source = glasshouse.Examples(args.export or args.run, {**settings, "batch": BATCH, "crop_px": SIDE_PX})
     made = [source.step(step) for step in range(EXAMPLES // BATCH)]
     for layer in ("transmission", "glass_reflection"):
         show(layer, (np.clip(codes, 0, 1) for step in made for codes in step[layer]))

@@ -45,9 +45,8 @@ def main():
     parser.add_argument("--name", help="training of the run's recipe")
     args = parser.parse_args()
     if args.name:
-        # For `train_settings`, an unknown name begins a training with the default settings; here it is an error.
-        glasshouse.Mixtures(args.run, name=args.name)
-        found = strengths(args.run, glasshouse.train_settings(args.run, name=args.name), EXAMPLES)
+        settings = glasshouse.train_settings(args.run, name=args.name, of_recipe=True)
+        found = strengths(args.run, settings, EXAMPLES)
     else:
         settings = {"examples": "composed", "crop_px": 256, "flip": False, "scenes": TUPLES, "composition": OF_TUPLES}
         found = strengths(args.run, settings, TUPLES)

@@ -20,16 +20,22 @@ COMPOSED = ("composed", "linear_mixtures", "zhang_mixtures", "ceilnet_mixtures")
 """Kinds of examples that are made of tuples in linear light."""
 
 
-def train_settings(run: PathLike, *, stage: str | None = None, name: str | None = None) -> dict[str, Any]:
+def train_settings(
+    run: PathLike, *, stage: str | None = None, name: str | None = None, of_recipe: bool = False
+) -> dict[str, Any]:
     """Returns the settings with which `glasshouse train RUN` begins: the recipe's, or else the defaults.
 
     Args:
         run: Folder of a run.
         stage: Stage of the training; both stages have the same settings.
         name: Name of the training; None for the one without a name.
+        of_recipe: Whether the training must be one of the recipe; then None stands for its first one.
+
+    Raises:
+        GlasshouseError: The recipe has no training of this name, with `of_recipe`, or cannot be read.
 
     """
-    settings: dict[str, Any] = json.loads(_native.train_settings(Path(run), name, False))
+    settings: dict[str, Any] = json.loads(_native.train_settings(Path(run), name, of_recipe))
     return settings
 
 
@@ -149,7 +155,7 @@ class Mixtures(Sequence[dict[str, Any]]):
     ) -> None:
         if label not in ("code", "difference"):
             raise ValueError(f'label is {label!r}, but must be "code" or "difference"')
-        chosen: dict[str, Any] = {**json.loads(_native.train_settings(Path(path), name, True)), **(settings or {})}
+        chosen: dict[str, Any] = {**train_settings(path, name=name, of_recipe=True), **(settings or {})}
         if chosen["examples"] not in COMPOSED:
             chosen["examples"] = "composed"
         chosen.update(seed=seed, batch=1, real_share=0.0)

@@ -78,13 +78,24 @@ class Begun:
     steps: tuple[int, int]
 
 
+def new_settings(run: Path, stage: str, name: str | None) -> dict[str, Any]:
+    """Returns the recipe's settings, or the defaults with a note if the recipe has no training of this name."""
+    settings = glasshouse.train_settings(run, stage=stage, name=name)
+    if name is not None:
+        try:
+            return glasshouse.train_settings(run, stage=stage, name=name, of_recipe=True)
+        except glasshouse.GlasshouseError as error:
+            print(f"note: {error}: this one begins with the default settings", file=sys.stderr)
+    return settings
+
+
 def begin(run: Path, training: Path, stage: str, steps: int, name: str | None, features: Path | None) -> Begun:
     """Reads the newest checkpoint of the stage, or begins a training with the recipe's settings.
 
     Raises TrainError if a setting is not supported, or if weights of VGG-19 or of BT-net are missing or others.
     """
     own = newest(training / stage, 0)
-    settings = checked(own.state["settings"] if own else glasshouse.train_settings(run, stage=stage, name=name))
+    settings = checked(own.state["settings"] if own else new_settings(run, stage, name))
     if settings["schedule"] == "cosine":
         settings["schedule_steps"] = end = settings["schedule_steps"] or steps
         if steps > end:

@@ -227,7 +227,11 @@ pub(crate) fn train_settings(
     };
     if let (None, Some(name), true) = (&found, name, of_recipe) {
         let names: Vec<String> = trainings.seeded().into_iter().filter_map(|t| t.name).collect();
-        return Err(unusable(&format!("it has no training {name:?}, but: {}", names.join(", "))));
+        let names = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        return Err(error(format!(
+            "the recipe of {} has no training {name:?}; it has: {names}",
+            run.display()
+        )));
     }
     serde_json::to_string(&found.map(|training| training.settings).unwrap_or_default())
         .map_err(error)

@@ -107,6 +107,9 @@ def test_errors_name_the_remedy(run: Path, tmp_path: Path) -> None:
         glasshouse.Mixtures(run, split="validation")
     with pytest.raises(glasshouse.GlasshouseError, match="unknown field"):
         glasshouse.Mixtures(run, settings={"colour": 1})
+    assert glasshouse.train_settings(run, name="other") == glasshouse.train_settings(run)
+    with pytest.raises(glasshouse.GlasshouseError, match='no training "other"; it has: none'):
+        glasshouse.Mixtures(run, name="other")
 
 
 def test_adapters_have_the_keys_of_the_programs(mixtures: glasshouse.Mixtures) -> None:

@@ -185,6 +185,17 @@ MODULE = ["-m", "glasshouse.train"]
 # Both programs and the references: forward passes and steps.
 
 
+def test_a_name_that_the_recipe_lacks_is_noted(
+    lesson: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    net = '"name": "net", "seeds": [3], "separation_steps": 1, "settings": {"batch": 2}'
+    (tmp_path / "train.json").write_text(f'{{"trainings": [{{{net}}}]}}')
+    settings = trainer.new_settings(tmp_path, "separation", "net-seed-3")
+    assert settings["seed"] == 3 and settings["batch"] == 2 and not capsys.readouterr().err
+    assert trainer.new_settings(tmp_path, "separation", "net") == glasshouse.train_settings(lesson / "run")
+    assert 'no training "net"; it has: net-seed-3' in capsys.readouterr().err
+
+
 def test_the_step_of_the_reference() -> None:
     """Five steps with VGG-19, discriminator and a priori loss have the losses that tests/train/step.py computed."""
     weights = load_file(REFERENCES / "step.safetensors")

@@ -103,11 +103,16 @@ fn names_on_the_command_line(place: &Path, folder: &Path) {
     let steps = [2, 4, 5, 6].map(|step| stage.join(format!("step-{step:07}")).is_dir());
     assert_eq!(steps, [true, true, false, true]);
     train(&["--name", "other"]).expect(2).says(&["--stage and --steps"]);
+    train(&["--name", "other", "--stage", "backtrack", "--steps", "2", "--dry-run"])
+        .expect(0)
+        .says(&["the recipe has no training \"other\""]);
     train(&["--name", "separation", "--steps", "6"]).expect(2).says(&["a folder of every run"]);
     // A training that begins with another one's weights has its settings.
     let bounded = place.join("train/bounded");
     let from = ["--name", "tuned", "--stage", "separation", "--from", text(&bounded)];
-    let json = train(&[&from[..], &["--steps", "2"]].concat()).expect(0).json();
+    let tuned = train(&[&from[..], &["--steps", "2"]].concat()).expect(0);
+    assert!(!tuned.stderr.contains("no training"), "{tuned:?}");
+    let json = tuned.json();
     assert_eq!((&json["from_step"], &json["settings"]["bound"]), (&0.into(), &1.0.into()));
     train(&[&from[..], &["--steps", "3", "--width", "8"]].concat())
         .expect(5)

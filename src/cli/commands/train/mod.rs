@@ -110,6 +110,11 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
                 "the features have random weights, unlike the paper's; every checkpoint records this setting",
             );
         }
+        if let (None, None, Some(name)) = (frozen, &recipe, &args.name) {
+            output.note(&format!(
+                "the recipe has no training {name:?}: this one begins with the default settings"
+            ));
+        }
         let of_recipe = || recipe.as_ref().map(|recipe| recipe.settings.clone());
         let base = frozen.cloned().or_else(of_recipe).unwrap_or_default();
         args.settings.over(&base)
