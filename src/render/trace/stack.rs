@@ -15,9 +15,10 @@
 //!
 //! The weights of all orders follow from one breadth-first search: light that is at the same face, has the same direction and
 //! has crossed the same lengths is one state, so the number of states grows with a power of the number of reflections, not exponentially.
+//! That power is the number of different media, so the search of a film is also bounded ([`search`]).
 
+use search::{Bounds, search};
 use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
 
 /// Femtometres per metre.
 const FM_PER_M: f64 = 1.0e15;
@@ -77,8 +78,12 @@ impl Face {
     }
 }
 
-/// A state of the search: the next face, true for light that travels away from the camera, and the lengths crossed so far.
-type State = (usize, bool, Vec<i64>);
+/// Properties of faces and layers at one cosine of incidence.
+struct Optics {
+    faces: Vec<Face>,
+    /// Share of light that remains after one passage through each layer.
+    tau: Vec<[f64; 3]>,
+}
 
 impl Stack {
     /// Makes a stack of one or more layers. `coatings` holds one entry for each face, so it is one longer than `layers`.
@@ -165,66 +170,14 @@ impl Stack {
         least: f64,
         most: usize,
     ) -> BTreeMap<StackOrder, Vec<[f64; 3]>> {
-        let optics: Vec<_> = cosines.iter().map(|&c| (self.faces(c), self.tau(c))).collect();
-        let mut left = BTreeMap::new();
-        let mut exit = |exit: Exit, lengths_fm: &[i64], powers: &[Power]| {
-            let order = StackOrder { exit, lengths_fm: lengths_fm.to_vec() };
-            let sums: &mut Vec<[f64; 3]> =
-                left.entry(order).or_insert_with(|| vec![[0.0; 3]; cosines.len()]);
-            for (sum, power) in sums.iter_mut().zip(powers) {
-                (0..3).for_each(|c| sum[c] += 0.5 * (power[0][c] + power[1][c]));
-            }
-        };
-        let mut states: BTreeMap<State, Vec<Power>> = BTreeMap::new();
-        states.insert((0, true, vec![0; self.media.len()]), vec![[[1.0; 3]; 2]; cosines.len()]);
-        for _ in 0..=most {
-            let mut next: BTreeMap<State, Vec<Power>> = BTreeMap::new();
-            for ((face, inward, lengths_fm), before) in states {
-                for reflected in [false, true] {
-                    let of = |(power, (faces, _)): (&Power, &(Vec<Face>, _))| {
-                        let face = &faces[face];
-                        product(power, if reflected { face.reflected(inward) } else { &face.t })
-                    };
-                    let mut powers: Vec<Power> = before.iter().zip(&optics).map(of).collect();
-                    if powers.as_flattened().as_flattened().iter().all(|p| *p < least) {
-                        continue;
-                    }
-                    let inward = inward != reflected;
-                    if face == 0 && !inward {
-                        exit(Exit::Reflected, &lengths_fm, &powers);
-                    } else if face == self.layers.len() && inward {
-                        exit(Exit::Transmitted, &lengths_fm, &powers);
-                    } else {
-                        // The layer that the light enters, and the face at its other end.
-                        let (layer, end) =
-                            if inward { (face, face + 1) } else { (face - 1, face - 1) };
-                        for (power, (_, tau)) in powers.iter_mut().zip(&optics) {
-                            *power = product(power, &[tau[layer]; 2]);
-                        }
-                        let mut lengths_fm = lengths_fm.clone();
-                        self.cross(&self.layers[layer], &mut lengths_fm);
-                        match next.entry((end, inward, lengths_fm)) {
-                            Entry::Vacant(entry) => {
-                                entry.insert(powers);
-                            }
-                            Entry::Occupied(mut entry) => {
-                                let sums = entry.get_mut().as_flattened_mut().as_flattened_mut();
-                                let powers = powers.as_flattened().as_flattened();
-                                sums.iter_mut().zip(powers).for_each(|(sum, power)| *sum += power);
-                            }
-                        }
-                    }
-                }
-            }
-            states = next;
-        }
-        left
+        let bounds = Bounds { least, most_passages: most, most_states: usize::MAX };
+        search(self, cosines, &bounds).weights
     }
 
     /// Computes the sums of the weights of all reflected and of all transmitted orders, for each colour, by adding one face
     /// after the other, beginning with the last.
     pub fn totals(&self, cos_i: f64) -> [[f64; 3]; 2] {
-        let (faces, tau) = (self.faces(cos_i), self.tau(cos_i));
+        let Optics { faces, tau } = self.optics(cos_i);
         let Face { r: mut reflected, t: mut transmitted, .. } = faces[self.layers.len()];
         for face in (0..self.layers.len()).rev() {
             let Face { r, r_back, t } = faces[face];
@@ -246,6 +199,11 @@ impl Stack {
         let medium = self.media.iter().position(|ior| *ior == layer.ior);
         lengths_fm[medium.expect("each layer has a medium")] +=
             (layer.thickness_m * FM_PER_M).round() as i64;
+    }
+
+    /// Computes the properties of faces and layers.
+    fn optics(&self, cos_i: f64) -> Optics {
+        Optics { faces: self.faces(cos_i), tau: self.tau(cos_i) }
     }
 
     /// Computes reflectance and transmittance of each face.
@@ -314,6 +272,9 @@ fn product(a: &Power, b: &Power) -> Power {
 }
 
 mod coating;
+mod paths;
+mod search;
+mod select;
 mod table;
 
 pub use coating::Coating;

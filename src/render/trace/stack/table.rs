@@ -1,14 +1,15 @@
-//! Selects the orders of a stack that the tracer follows, and tabulates their shifts and weights over the film.
+//! Tabulates the shifts and weights of the followed orders of a stack over the film.
 //!
-//! A stack has many orders, each below the film's tolerance, whose sum is not. Each side's orders are therefore taken from the
-//! strongest on until the sum of the others is below the tolerance, and the light of the others, known in closed form, joins the
-//! longest order that is followed. Both functions of the cosine of incidence are smooth, so piecewise cubic polynomials
-//! replace them (error: `MAX_ERROR`).
+//! Both are smooth functions of the cosine of incidence, so piecewise cubic polynomials replace them (error: `MAX_ERROR`). The number
+//! of their cells doubles until the error is small. Each number of cells has its own search ([`super::select`]), as long as this is
+//! little work; then the orders stay, and only the light of their paths is computed at more cosines.
 
 use super::super::camera::CameraChunk;
 use super::super::lanes::{LANES, Lane, floor, max, min};
-use super::super::orders::{MAX_ORDERS, OrderPlan};
+use super::super::orders::OrderPlan;
 use super::super::slab::Order;
+use super::paths::Paths;
+use super::select::{Candidate, Searched, Selection, largest, select};
 use super::{Exit, Stack, StackOrder, shift_m};
 
 /// Largest error of a tabulated weight, and of a shift in units of 0.1 m, before coefficients are rounded to f32.
@@ -17,8 +18,10 @@ const MAX_ERROR: f64 = 1.0e-7;
 const CELLS: [usize; 2] = [8, 4096];
 /// Points of a cell for its polynomial (even) and for its error (odd): sixths of the cell.
 const POINTS: usize = 6;
-/// Largest number of layers that a path crosses. The light of longer paths joins the last order, too.
-const MOST_PASSAGES: usize = 64;
+/// Largest product of the numbers of states and cosines of a search for more cells. More work keeps the orders of the search before.
+const MOST_WORK: usize = 4_000_000;
+/// The same of the paths of orders that stay. More work keeps the cells.
+const MOST_WORK_OF_PATHS: usize = 8_000_000;
 
 /// Coefficients of a cell by power of the position in it: weights of red, green and blue, and shift (m).
 type Cell = [[f32; 4]; 4];
@@ -34,6 +37,10 @@ pub struct StackOptics {
     cells_per_unit: f64,
     cells: usize,
     is_coloured: bool,
+    /// True if the search for orders met a bound of its work: there were too many paths to follow all of them, or too many to tabulate
+    /// their light to the usual error. The light that was not followed is in the last order of its side, and in the tails of the
+    /// [`OrderPlan`].
+    pub search_was_bounded: bool,
 }
 
 /// Shift and weights of one order.
@@ -43,12 +50,6 @@ pub struct StackTable {
     thickness_m: f64,
     crossed: Vec<(f64, f64)>,
     cells: Vec<Cell>,
-}
-
-/// Samples of an order's weights over the cosines.
-struct Candidate {
-    order: StackOrder,
-    weights: Vec<[f64; 3]>,
 }
 
 impl StackOptics {
@@ -62,28 +63,48 @@ impl StackOptics {
     ) -> (Self, OrderPlan) {
         // An interval of length 0, of a film of one ray, still needs a scale.
         let span = (most_cos - least_cos).max(1.0e-6);
+        let mut search_was_bounded = false;
         let mut cells = CELLS[0];
+        // The selection of the last search, and the paths of its orders.
+        let mut fixed: Option<(Selection, Paths)> = None;
         loop {
             let step = span / (cells * POINTS) as f64;
             let at = |i: usize| (least_cos + step * i as f64).min(1.0);
             let cosines: Vec<f64> = (0..=cells * POINTS).map(at).collect();
-            let sides = select(stack, &cosines, max_radiance, tolerance);
-            let tabulate = |candidate: &Candidate| StackTable::new(stack, candidate, &cosines);
-            let tables = [0, 1]
-                .map(|side: usize| -> Vec<_> { sides[side].0.iter().map(tabulate).collect() });
-            let errors = tables.iter().flatten().map(|(_, error)| *error);
-            if errors.fold(0.0, f64::max) > MAX_ERROR && cells < CELLS[1] {
-                cells *= 2;
-                continue;
+            let (selection, paths) = match &fixed {
+                Some((selection, paths)) => (selection.at(stack, paths, &cosines), None),
+                None => {
+                    let Searched { selection, paths, was_cut } =
+                        select(stack, &cosines, max_radiance, tolerance);
+                    search_was_bounded |= was_cut;
+                    (selection, Some(paths))
+                }
+            };
+            let (tables, error) = tabulate(stack, &selection, &cosines);
+            if error > MAX_ERROR && cells < CELLS[1] {
+                let next = 2 * cells * POINTS + 1;
+                let of_orders = paths
+                    .filter(|paths| paths.states() * next > MOST_WORK)
+                    .map(|paths| paths.of_orders(selection.orders()));
+                let known = of_orders.as_ref().or(fixed.as_ref().map(|(_, paths)| paths));
+                if known.map_or(0, |paths| paths.states() * next) <= MOST_WORK_OF_PATHS {
+                    if let Some(paths) = of_orders {
+                        fixed = Some((selection, paths));
+                    }
+                    cells *= 2;
+                    continue;
+                }
+                search_was_bounded = true;
             }
             let optics = Self {
-                tables: tables.map(|side| side.into_iter().map(|(table, _)| table).collect()),
+                tables,
                 least_cos,
                 cells_per_unit: cells as f64 / span,
                 cells,
                 is_coloured: stack.is_coloured(),
+                search_was_bounded,
             };
-            return (optics, plan(&sides, max_radiance, tolerance));
+            return (optics, plan(&selection, max_radiance, tolerance));
         }
     }
 
@@ -205,83 +226,28 @@ fn cubic([a, b, c, d]: [[f64; 4]; 4]) -> [[f64; 4]; 4] {
     ]
 }
 
-/// Selects the orders of each side, from the shortest to the longest; the last one takes the light of the dropped orders. Also
-/// returns a bound of this light, as a share.
-fn select(
-    stack: &Stack,
-    cosines: &[f64],
-    max_radiance: [f64; 2],
-    tolerance: f64,
-) -> [(Vec<Candidate>, f64); 2] {
-    let brightest = max_radiance[0].max(max_radiance[1]);
-    let least = (1e-3 * tolerance / brightest.max(f64::MIN_POSITIVE)).clamp(1.0e-9, 1.0e-6);
-    let mut sides = [vec![], vec![]];
-    for (order, weights) in stack.weights(cosines, least, MOST_PASSAGES) {
-        sides[usize::from(order.exit == Exit::Reflected)].push(Candidate { order, weights });
-    }
-    let totals: Vec<_> = cosines.iter().map(|&cos_i| stack.totals(cos_i)).collect();
-    let straight = stack.straight();
-    let mut side = 0;
-    sides.map(|candidates| {
-        let (of_totals, radiance) = (1 - side, max_radiance[side]);
-        side += 1;
-        let rest: Vec<[f64; 3]> = totals.iter().map(|total| total[of_totals]).collect();
-        keep(stack, candidates, rest, (&straight, radiance, tolerance))
-    })
-}
-
-/// Keeps the orders whose light, with that of t_0 or r_0, leaves less than the tolerance of the total light `rest`.
-fn keep(
-    stack: &Stack,
-    mut candidates: Vec<Candidate>,
-    mut rest: Vec<[f64; 3]>,
-    (straight, radiance, tolerance): (&StackOrder, f64, f64),
-) -> (Vec<Candidate>, f64) {
-    let is_first = |order: &StackOrder| {
-        order == straight
-            || order.exit == Exit::Reflected && order.lengths_fm.iter().all(|l| *l == 0)
-    };
-    candidates.sort_by(|a, b| {
-        let key = |c: &Candidate| (is_first(&c.order), largest(&c.weights));
-        let ((first_a, a), (first_b, b)) = (key(a), key(b));
-        first_b.cmp(&first_a).then(b.total_cmp(&a))
+/// Tabulates the selected orders of both sides. Returns also the largest error.
+fn tabulate(stack: &Stack, selection: &Selection, cosines: &[f64]) -> ([Vec<StackTable>; 2], f64) {
+    let mut worst = 0.0f64;
+    let tables = selection.kept.each_ref().map(|side| {
+        let table = |candidate: &Candidate| {
+            let (table, error) = StackTable::new(stack, candidate, cosines);
+            worst = worst.max(error);
+            table
+        };
+        side.iter().map(table).collect()
     });
-    let mut kept: Vec<Candidate> = vec![];
-    for candidate in candidates {
-        let is_needed = largest(&rest) * radiance >= tolerance.max(f64::MIN_POSITIVE);
-        let is_t_0 = candidate.order == *straight;
-        if !is_t_0 && (!is_needed || kept.len() == MAX_ORDERS as usize) {
-            break;
-        }
-        for (rest, weight) in rest.iter_mut().zip(&candidate.weights) {
-            (0..3).for_each(|c| rest[c] -= weight[c]);
-        }
-        kept.push(candidate);
-    }
-    kept.sort_by(|a, b| {
-        let shift_m = |c: &Candidate| stack.kappa_m(&c.order, 1.0);
-        shift_m(b).total_cmp(&shift_m(a)).then_with(|| a.order.cmp(&b.order))
-    });
-    let dropped = largest(&rest).max(0.0);
-    if let Some(last) = kept.last_mut() {
-        for (weight, rest) in last.weights.iter_mut().zip(&rest) {
-            (0..3).for_each(|c| weight[c] += rest[c].max(0.0));
-        }
-    }
-    (kept, dropped)
-}
-
-fn largest(weights: &[[f64; 3]]) -> f64 {
-    weights.as_flattened().iter().copied().fold(f64::NEG_INFINITY, f64::max)
+    (tables, worst)
 }
 
 /// Lists the selected orders. The orders of a side are counted from the shortest.
-fn plan(sides: &[(Vec<Candidate>, f64); 2], max_radiance: [f64; 2], tolerance: f64) -> OrderPlan {
-    let weights = [0, 1].map(|side: usize| {
-        sides[side].0.iter().map(|candidate| largest(&candidate.weights)).collect::<Vec<f64>>()
-    });
+fn plan(selection: &Selection, max_radiance: [f64; 2], tolerance: f64) -> OrderPlan {
+    let weights = selection
+        .kept
+        .each_ref()
+        .map(|side| side.iter().map(|candidate| largest(&candidate.weights)).collect::<Vec<f64>>());
     let weights = weights.each_ref().map(Vec::as_slice);
-    OrderPlan::of_weights(weights, sides.each_ref().map(|side| side.1), max_radiance, tolerance)
+    OrderPlan::of_weights(weights, selection.dropped, max_radiance, tolerance)
 }
 
 #[cfg(test)]
