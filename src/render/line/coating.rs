@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 
 /// Largest number of angles of a coating.
 const MOST_ANGLES: usize = 91;
+/// Least difference of the cosines of neighbouring angles. A curve of smaller steps exceeds the precision of f64, and no picture shows
+/// them: an angle of 0.1 degrees differs by 1.5e-6 from the normal.
+const LEAST_STEP: f64 = 1.0e-6;
 /// Points between two angles at which reflectance and transmittance are added up.
 const POINTS: u32 = 8;
 
@@ -108,10 +111,18 @@ impl FaceCoating {
         }
         let ascends = angles.windows(2).all(|pair| pair[0] < pair[1]);
         let is_whole = angles.first() == Some(&0.0) && angles.last() == Some(&90.0);
-        if angles.is_empty() || ascends && is_whole && angles.len() <= MOST_ANGLES {
-            return Ok(());
+        let field = format!("{section}.angles_deg");
+        if !angles.is_empty() && !(ascends && is_whole && angles.len() <= MOST_ANGLES) {
+            return Err(LineError::AnglesOfCoating { field });
         }
-        Err(LineError::AnglesOfCoating { field: format!("{section}.angles_deg") })
+        let cos = |deg: f64| libm::cos(deg.to_radians());
+        for pair in angles.windows(2) {
+            let (low, high) = (pair[0], pair[1]);
+            if cos(low) - cos(high) < LEAST_STEP {
+                return Err(LineError::CloseAngles { field, low, high, least: LEAST_STEP });
+            }
+        }
+        Ok(())
     }
 
     /// Checks that no light is made, at the angles and between them.
@@ -129,8 +140,9 @@ impl FaceCoating {
                 let (reflected, transmitted) = (reflectance.at(cos), transmittance.at(cos));
                 for c in 0..3 {
                     let sum = reflected[c] + transmitted[c];
-                    // Decimal fractions that add up to 1 may exceed it by their rounding.
-                    if sum > 1.0 + 1e-9 {
+                    // Decimal fractions that add up to 1 may exceed it by their rounding. The comparison is false for NaN, too.
+                    let is_allowed = sum <= 1.0 + 1e-9;
+                    if !is_allowed {
                         let is_list = !self.angles_deg.is_empty();
                         let at = if is_list { format!(" at {deg} degrees") } else { String::new() };
                         let field = format!("{section}.{key}[{c}]{at}");
@@ -190,6 +202,22 @@ mod tests {
         assert_eq!(coating.reflectances()[1], &Shares::from([0.5; 3]));
     }
 
+    /// Sums that are not numbers are refused, although no valid share makes them.
+    #[test]
+    fn a_sum_must_be_a_number() {
+        let line =
+            with_coating(r#"{"face":0,"reflectance":[0.5,0.5,0.5],"transmittance":[0.5,0.5,0.5]}"#);
+        let mut coating = line.unwrap().glass.coatings[0].clone();
+        coating.transmittance = Shares::from([f64::NAN, 0.5, 0.5]);
+        let error = coating.check_sums("glass.coatings[0]").unwrap_err();
+        assert!(matches!(error, LineError::Light { sum, .. } if sum.is_nan()), "{error}");
+        // A tenth of a degree is a valid step.
+        with_coating(
+            r#"{"face":1,"angles_deg":[0.0,0.1,90.0],"reflectance":[0.0,0.0,0.0],"transmittance":[[0.8,0.8,0.8],[0.7,0.7,0.7],[0.0,0.0,0.0]]}"#,
+        )
+        .unwrap();
+    }
+
     #[test]
     fn errors_say_what_to_change() {
         let rows = |of: [f64; 3]| of.map(|v| format!("[{v:?},{v:?},{v:?}]")).join(",");
@@ -211,6 +239,18 @@ mod tests {
             (
                 coating("0.0,45.0,80.0", &half, &rows([0.2; 3])),
                 "glass.coatings[0].angles_deg must ascend from 0 to 90",
+            ),
+            (
+                coating("0.0,1e-9,90.0", &half, &rows([0.2; 3])),
+                "glass.coatings[0].angles_deg has 0 and 0.000000001, whose cosines differ by less than 1e-6",
+            ),
+            (
+                coating("0.0,1e-300,90.0", &half, &rows([0.2; 3])),
+                "whose cosines differ by less than 1e-6: remove one",
+            ),
+            (
+                coating("0.0,89.99999,90.0", &half, &rows([0.2; 3])),
+                "angles_deg has 89.99999 and 90, whose cosines",
             ),
             (
                 coating("0.0,95.0,90.0", &half, &rows([0.2; 3])),

@@ -88,6 +88,18 @@ pub enum LineError {
     RowsOfCoating { field: String, found: usize, angles: usize },
     #[error("{field} must ascend from 0 to 90, with at most 91 angles")]
     AnglesOfCoating { field: String },
+    /// Angles between which the curve of a coating is too steep to compute.
+    #[error(
+        "{field} has {low} and {high}, whose cosines differ by less than {least:e}: remove one of them, because shares are curves of \
+         the cosine"
+    )]
+    CloseAngles { field: String, low: f64, high: f64, least: f64 },
+    /// A frame whose light exceeds single precision.
+    #[error(
+        "glass.outline.frame_radiance[{channel}] is {radiance} with the camera's exposure and white balance, but must be at most {most:e}: \
+         reduce one of them"
+    )]
+    FrameRadiance { channel: usize, radiance: f64, most: f64 },
     #[error(
         "sensor.black_level_dn is {black_level_dn}, but must be below the largest number of {bits} bits"
     )]

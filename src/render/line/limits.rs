@@ -25,6 +25,11 @@ impl Limit {
         Self { range: (least, most), grid: Grid::All, allowed }
     }
 
+    /// Returns the limit of a range without its lower end 0.
+    const fn above_0_to(most: f64, allowed: &'static str) -> Self {
+        Self::new(Excluded(0.0), Included(most), allowed)
+    }
+
     /// Returns the limit of a range that includes both ends.
     const fn between(least: f64, most: f64, allowed: &'static str) -> Self {
         Self::new(Included(least), Included(most), allowed)
@@ -52,6 +57,13 @@ impl Limit {
 
 pub(crate) const ABOVE_0: Limit = Limit::new(Excluded(0.0), Unbounded, "finite and above 0");
 const FROM_0: Limit = Limit::new(Included(0.0), Unbounded, "finite and at least 0");
+/// Thickness of a layer, m. Lengths of paths of 64 layers fit into whole femtometres of 64 bits.
+const THICKNESS_M: Limit = Limit::between(0.0, 100.0, "0 to 100 m");
+/// Absorption coefficient, per metre. Light falls to 1/e in 1 nm at most; more would show the rounding of lengths.
+const ABSORPTION_PER_M: Limit = Limit::between(0.0, 1.0e9, "0 to 1e9 per m");
+/// Sizes and places of pictures in the scene, m, whose squares single precision holds.
+const SIZE_M: Limit = Limit::above_0_to(1.0e9, "above 0 and at most 1e9 m");
+const PLACE_M: Limit = Limit::between(-1.0e9, 1.0e9, "-1e9 to 1e9 m");
 const FINITE: Limit = Limit::new(Unbounded, Unbounded, "finite");
 const BELOW_90_DEG: Limit =
     Limit::new(Excluded(-90.0), Excluded(90.0), "above -90 and below 90 degrees");
@@ -81,23 +93,28 @@ fn row(key: &str) -> Option<Limit> {
         "film.target_error" | "camera.focal_length_mm" | "camera.f_number" | "camera.focus" => {
             ABOVE_0
         }
-        "focus.distance_m" | "glass.distance_m" | "auto_exposure.level" => ABOVE_0,
+        "focus.distance_m" | "auto_exposure.level" => ABOVE_0,
+        // Single precision holds the squares of these distances, and products of the squares with sizes.
+        "glass.distance_m" => Limit::above_0_to(1.0e15, "above 0 and at most 1e15 m"),
         "depth_unit_m" | "unit_m" | "intrinsics.fx" | "intrinsics.fy" => ABOVE_0,
         "film.order_tolerance" | "camera.aperture_radius_m" | "camera.white_balance" => FROM_0,
-        "glass.thickness_m" | "glass.absorption_per_m" | "exposure" | "illuminant" => FROM_0,
-        "layers.glass_m" | "layers.gap_m" | "layers.absorption_per_m" => FROM_0,
+        "exposure" | "illuminant" => FROM_0,
+        "glass.thickness_m" | "layers.glass_m" | "layers.gap_m" => THICKNESS_M,
+        "glass.absorption_per_m" | "layers.absorption_per_m" => ABSORPTION_PER_M,
         "glass.ior" | "layers.ior" => Limit::between(1.0, 10.0, "1 to 10"),
         "coatings.reflectance" | "coatings.reflectance_back" | "coatings.transmittance" => SHARE,
         "smudges.coverage" | "smudges.haze" | "smudges.transmittance" => SHARE,
         // Smaller marks exceed the precision of the tracer's texel coordinates.
         "smudges.mark_m" => Limit::between(0.001, 1000.0, "0.001 to 1000 m"),
-        "smudges.width_m" => ABOVE_0,
-        "smudges.center_m" => FINITE,
+        "smudges.width_m" | "cards.distance_m" | "cards.width_m" => SIZE_M,
+        "smudges.center_m" | "cards.center_m" => PLACE_M,
         "glass.roughness" | "smudges.roughness" => Limit::between(0.0, 0.1, "0 to 0.1"),
-        "glass.bow_radius_m" | "outline.x_m" | "outline.y_m" | "cards.center_m" => FINITE,
-        "outline.frame_m" | "outline.frame_radiance" => FROM_0,
-        "cards.distance_m" | "cards.width_m" | "wave.length_m" => ABOVE_0,
-        "wave.amplitude_m" => FROM_0,
+        "glass.bow_radius_m" | "outline.x_m" | "outline.y_m" => FINITE,
+        "outline.frame_m" => FROM_0,
+        "outline.frame_radiance" => Limit::between(0.0, 1.0e9, "0 to 1e9"),
+        // The phase of shorter waves exceeds single precision.
+        "wave.length_m" => Limit::between(1.0e-5, 1.0e6, "1e-5 to 1e6 m"),
+        "wave.amplitude_m" => Limit::between(0.0, 1.0e4, "0 to 1e4 m"),
         "wedge_deg" => Limit::between(-5.0, 5.0, "-5 to 5 degrees"),
         "wave.direction_deg" => Limit::between(-360.0, 360.0, "-360 to 360 degrees"),
         "photographer.distance_m" | "photographer.width_m" | "gap_m" | "view_width" => ABOVE_0,
@@ -179,7 +196,9 @@ mod tests {
         for (key, allowed) in [
             ("film.spp", "a power of two from 1 to 65536"),
             ("glass.tilt_deg[1]", "above -90 and below 90 degrees"),
-            ("glass.distance_m", "finite and above 0"),
+            ("glass.distance_m", "above 0 and at most 1e15 m"),
+            ("glass.layers[3].gap_m", "0 to 100 m"),
+            ("cover.plant.gap_m", "finite and above 0"),
             ("camera.exposure", "finite and at least 0"),
             ("back.exposure_ev", "-30 to 30 stops"),
             ("back.depth_m", "0.001 to 1e6 m"),

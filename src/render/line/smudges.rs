@@ -197,7 +197,10 @@ mod tests {
             ),
             (MARKS.replace("0.05", "0") + "}", "glass.smudges.mark_m is 0, but must be 0.001 to"),
             (MAP.replace("s.png", "") + "}", "glass.smudges.map is empty"),
-            (MAP.replace("0.5", "-1") + "}", "glass.smudges.width_m is -1, but must be finite and"),
+            (
+                MAP.replace("0.5", "-1") + "}",
+                "glass.smudges.width_m is -1, but must be above 0 and",
+            ),
             (
                 format!(r#"{MARKS},"roughness":0.2}}"#),
                 "glass.smudges.roughness is 0.2, but must be",

@@ -46,13 +46,14 @@ impl SceneLine {
             ],
         )?;
         glazing(glass)?;
-        // The layers come first, because an error in one of them also shows in their sum.
         layers(glass)?;
+        let thickness_m = [glass.thickness_m];
         all_within(
             "glass",
             &[
                 ("distance_m", &[glass.distance_m]),
-                ("thickness_m", &[glass.thickness_m]),
+                // The sum of layers may exceed the limit of each.
+                ("thickness_m", if glass.layers.is_empty() { &thickness_m } else { &[] }),
                 ("ior", &[glass.ior]),
                 ("absorption_per_m", &glass.absorption_per_m),
                 ("tilt_deg", &glass.tilt_deg),
@@ -63,7 +64,7 @@ impl SceneLine {
         wave(glass)?;
         roughness(glass)?;
         glass.smudges.as_ref().map_or(Ok(()), Smudges::check)?;
-        outline(glass)?;
+        outline(self)?;
         side("front", &self.front)?;
         side("back", &self.back)?;
         if self.front.apex().is_some() {
@@ -146,8 +147,11 @@ fn roughness(glass: &Glass) -> Result<(), LineError> {
     }
 }
 
-fn outline(glass: &Glass) -> Result<(), LineError> {
-    let Some(outline) = &glass.outline else {
+/// Largest radiance of a frame for the camera: single precision holds the sums of its samples.
+const MOST_FRAME_RADIANCE: f64 = 1.0e30;
+
+fn outline(line: &SceneLine) -> Result<(), LineError> {
+    let Some(outline) = &line.glass.outline else {
         return Ok(());
     };
     all_within(
@@ -164,6 +168,14 @@ fn outline(glass: &Glass) -> Result<(), LineError> {
     {
         if low >= high {
             return Err(LineError::EmptyOutline { field, low, high });
+        }
+    }
+    for (channel, radiance) in outline.frame_radiance.iter().enumerate() {
+        let radiance = radiance * line.camera.exposure * line.camera.white_balance[channel];
+        // The comparison is false for NaN, too.
+        let is_allowed = radiance <= MOST_FRAME_RADIANCE;
+        if !is_allowed {
+            return Err(LineError::FrameRadiance { channel, radiance, most: MOST_FRAME_RADIANCE });
         }
     }
     Ok(())
@@ -390,6 +402,9 @@ mod tests {
             ("glass.ior", "0.99"),
             ("glass.ior", "11"),
             ("glass.absorption_per_m[2]", "-1"),
+            ("glass.distance_m", "10000000000000000"),
+            ("glass.thickness_m", "101"),
+            ("glass.absorption_per_m[1]", "10000000000"),
             ("glass.tilt_deg[0]", "90"),
             ("glass.tilt_deg[1]", "-90"),
             ("front.depth_unit_m", "0"),
@@ -427,6 +442,65 @@ mod tests {
         }
         let line: SceneLine = serde_json::from_value(json).unwrap();
         line.validate().map_err(|error| error.to_string())
+    }
+
+    /// Lengths with which the tracer would leave the range of its numbers are refused by name; generous ones are not.
+    #[test]
+    fn absurd_lengths_are_refused_by_name() {
+        let with_glass = |keys: &str| {
+            let mut line = published();
+            let glass = format!(r#"{{"distance_m":1.0,{keys}}}"#);
+            line.glass = serde_json::from_str(&glass).unwrap();
+            line.camera.exposure = 2.0;
+            line.validate().map_err(|error| error.to_string())
+        };
+        let outline = r#""thickness_m":0.01,"ior":1.5,"outline":{"x_m":[-1,1e300],"y_m":[-1,1],"frame_m":1e300,"frame_radiance""#;
+        let wave = r#""thickness_m":0.01,"ior":1.5,"wave""#;
+        for (keys, message) in [
+            (r#""layers":[{"glass_m":1e300,"ior":1.5}]"#, "glass.layers[0].glass_m is 1000"),
+            (
+                r#""layers":[{"glass_m":0.1,"ior":1.5},{"gap_m":1000}]"#,
+                "glass.layers[1].gap_m is 1000, but must be 0 to 100",
+            ),
+            (
+                r#""layers":[{"glass_m":0.1,"ior":1.5,"absorption_per_m":[0,0,1e12]}]"#,
+                "glass.layers[0].absorption_per_m[2] is 1000000000000, but must be 0 to 1e9",
+            ),
+            (
+                &format!(r#"{wave}:{{"amplitude_m":1e300,"length_m":1e308}}"#),
+                "glass.wave.amplitude_m is 1000",
+            ),
+            (
+                &format!(r#"{wave}:{{"amplitude_m":1,"length_m":1e308}}"#),
+                "glass.wave.length_m is 1000",
+            ),
+            (
+                &format!(r#"{wave}:{{"amplitude_m":1e-20,"length_m":1e-15}}"#),
+                "glass.wave.length_m is 0.000000000000001, but must be 1e-5 to 1e6 m",
+            ),
+            (
+                &format!(r#"{outline}:[0,1e10,0]}}"#),
+                "glass.outline.frame_radiance[1] is 10000000000, but must be 0 to 1e9",
+            ),
+        ] {
+            let error = with_glass(keys).unwrap_err();
+            assert!(error.starts_with(message), "{error} for {keys}");
+        }
+        let layers = vec![r#"{"glass_m":100,"ior":1.5}"#; 16].join(",");
+        for keys in [
+            &format!(r#""layers":[{layers}]"#),
+            &format!(r#"{wave}:{{"amplitude_m":7e3,"length_m":1e6}}"#),
+            &format!(r#"{outline}:[0,1e9,0]}}"#),
+        ] {
+            with_glass(keys).unwrap();
+        }
+        let mut line = published();
+        line.glass =
+            serde_json::from_str(&format!(r#"{{"distance_m":1.0,{outline}:[0,0,1e9]}}}}"#))
+                .unwrap();
+        line.camera.exposure = 1e30;
+        let error = line.validate().unwrap_err().to_string();
+        assert!(error.contains("frame_radiance[2] is 1000"), "{error}");
     }
 
     #[test]

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 /// Largest number of layers that a path crosses. The light of longer paths joins the last order, too.
 pub(super) const MOST_PASSAGES: usize = 64;
 /// Largest number of states of a search that have crossed the same number of layers.
-const MOST_STATES: usize = 2048;
+pub(super) const MOST_STATES: usize = 2048;
 
 /// Samples of an order's weights over the cosines.
 pub(super) struct Candidate {

@@ -1,5 +1,6 @@
 //! Checks the selection and the tables of a stack's orders against the closed form.
 
+use super::super::select::{MOST_PASSAGES, MOST_STATES};
 use super::super::{Coating, StackLayer};
 use super::*;
 
@@ -92,4 +93,136 @@ fn orders_are_kept_by_the_tolerance_of_their_sum() {
     // Without light, nothing but t_0 is followed.
     let (_, plan) = StackOptics::new(&stack, [0.9, 1.0], [0.0, 0.0], 7.6e-5);
     assert_eq!((plan.front.len(), plan.back.len()), (1, 0));
+}
+
+/// A pane that lets no light through keeps t_0, which T needs, and has finite tables with the closed form's light.
+#[test]
+fn opaque_panes_keep_the_straight_order() {
+    let mirror = Coating::constant([0.9; 3], CLEAR);
+    let dark = |layer: StackLayer| StackLayer { absorption_per_m: [1e9; 3], ..layer };
+    let layers = vec![pane(0.004), gap(0.016), pane(0.004)];
+    let mut stacks = vec![
+        Stack::new(vec![dark(pane(0.004))], vec![None; 2]),
+        Stack::new(vec![dark(pane(0.004)), gap(0.01), pane(0.003)], vec![None; 4]),
+        Stack::new(layers.clone(), vec![Some(mirror.clone()); 4]),
+        // Weaker than a state that the search follows, but not dark.
+        Stack::new(vec![pane(0.004)], vec![Some(Coating::constant([0.5; 3], [1e-5; 3])); 2]),
+    ];
+    for face in 0..4 {
+        let coatings = |count: usize| {
+            (0..count).map(|i| (i == face).then(|| mirror.clone())).collect::<Vec<_>>()
+        };
+        stacks.push(Stack::new(layers.clone(), coatings(4)));
+        stacks.push(Stack::new(vec![pane(0.004)], coatings(2)));
+    }
+    for stack in &stacks {
+        for tolerance in [0.0, 7.6e-5] {
+            let (optics, plan) = StackOptics::new(stack, [0.5, 1.0], [1.0; 2], tolerance);
+            assert_eq!(plan.front[0].order, Order::Transmitted(0));
+            assert_eq!(optics.orders(0)[0], &stack.straight());
+            assert_eq!(plan.front.len(), optics.tables[0].len());
+            assert_energy(stack, &optics, 0.7);
+        }
+    }
+}
+
+/// Asserts that the tables of each side share the light of all its orders.
+fn assert_energy(stack: &Stack, optics: &StackOptics, cos_i: f64) {
+    let mut camera = CameraChunk::new();
+    (camera.cell[0], camera.within[0]) = optics.locate(&[cos_i as f32; LANES]);
+    let totals = stack.totals(cos_i);
+    for (side, tables) in optics.tables.iter().enumerate() {
+        let mut sum = [0.0; 3];
+        for table in tables {
+            let colours = table.colours(&camera, 0, 0);
+            assert!(colours.iter().all(|v| v.is_finite()), "{colours:?}");
+            (0..3).for_each(|c| sum[c] += f64::from(colours[c]));
+        }
+        for c in 0..3 {
+            let total = totals[1 - side][c];
+            assert!((sum[c] - total).abs() < 1e-5, "{side}: {sum:?} {total} {stack:?}");
+        }
+    }
+}
+
+/// Returns `count` layers of any kind, with or without coatings. `seed` selects them.
+fn any_stack(count: usize, seed: u64) -> Stack {
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    let mut random = || {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let mut layers = vec![];
+    for _ in 0..count {
+        let absorption_per_m = [0, 1, 2].map(|_| if seed % 2 == 0 { 0.0 } else { 20.0 * random() });
+        layers.push(match random() {
+            x if x < 0.3 => gap(0.001 + random()),
+            _ => StackLayer {
+                thickness_m: 0.01 * random(),
+                ior: 1.0 + 9.0 * random() * random(),
+                absorption_per_m,
+            },
+        });
+    }
+    let coatings = (0..=count).map(|_| {
+        let reflectance = random();
+        (random() < 0.2)
+            .then(|| Coating::constant([reflectance; 3], [0.95 * (1.0 - reflectance); 3]))
+    });
+    let coatings = coatings.collect();
+    Stack::new(layers, coatings)
+}
+
+/// Random stacks of up to 16 layers are set up with a bounded number of states, and no light is missing.
+#[test]
+fn searches_of_any_stack_are_bounded() {
+    let mut bounded = 0;
+    for seed in 0..10 {
+        let count = 12 + seed as usize % 5;
+        let stack = any_stack(count, seed);
+        let cosines: Vec<f64> = (0..=48).map(|i| 0.2 + f64::from(i) / 60.0).collect();
+        let Searched { paths, was_cut, .. } = select(&stack, &cosines, [1.0, 30.0], 7.6e-5);
+        assert!(paths.states() <= MOST_STATES * MOST_PASSAGES, "{} states", paths.states());
+        let (optics, plan) = StackOptics::new(&stack, [0.2, 1.0], [1.0, 30.0], 7.6e-5);
+        assert!(optics.search_was_bounded || !was_cut);
+        bounded += u32::from(was_cut);
+        assert!(!plan.front.is_empty() && !plan.back.is_empty());
+        for cos_i in [0.21, 0.5, 0.83, 0.99] {
+            assert_energy(&stack, &optics, cos_i);
+        }
+    }
+    assert!(bounded > 0);
+    for stack in [double(), coated()] {
+        let (optics, _) = StackOptics::new(&stack, [0.1, 1.0], [50.0; 2], 7.6e-5);
+        assert!(!optics.search_was_bounded);
+    }
+}
+
+/// The light of recorded paths is that of the search, bit for bit, and a search without a bound has the same strongest orders.
+#[test]
+fn recorded_paths_carry_the_light_of_the_search() {
+    let stack = coated();
+    let cosines: Vec<f64> = (0..=48).map(|i| 0.2 + f64::from(i) / 60.0).collect();
+    let Searched { selection, paths, .. } = select(&stack, &cosines, [1.0; 2], 7.6e-5);
+    let of_orders = paths.of_orders(selection.orders());
+    assert!(of_orders.states() < paths.states());
+    let found = of_orders.weights(&stack, &cosines);
+    let exact = stack.weights(&cosines, 7.6e-8, MOST_PASSAGES);
+    assert_eq!(found.len(), selection.orders().count());
+    for (order, weights) in &found {
+        let exact = exact.get(order).into_iter().flatten();
+        for (found, exact) in weights.iter().zip(exact) {
+            assert!((0..3).all(|c| (found[c] - exact[c]).abs() < 1e-6), "{found:?} {exact:?}");
+        }
+    }
+    // The orders and tails stay, if the paths are followed at the same cosines.
+    let again = selection.at(&stack, &of_orders, &cosines);
+    for side in 0..2 {
+        for (a, b) in again.kept[side].iter().zip(&selection.kept[side]) {
+            let pairs = a.weights.as_flattened().iter().zip(b.weights.as_flattened());
+            assert!(a.order == b.order && pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-12));
+        }
+        assert!((again.dropped[side] - selection.dropped[side]).abs() < 1e-12);
+    }
 }
