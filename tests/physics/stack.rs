@@ -111,3 +111,29 @@ fn stacks_of_one_layer_are_the_plain_pane() {
         }
     }
 }
+
+/// Behind a mirror that lets no light through, T is the front as before, and I is R~: smooth, rough and with waves.
+#[test]
+fn an_opaque_pane_is_a_picture() {
+    let mut case = Case::new(bumpy(1, true), bumpy(2, true));
+    (case.film, case.tilt_deg) = ([9, 6], [5.0, -20.0]);
+    let mirror = Coating::constant([0.9; 3], [0.0; 3]);
+    let pane = glass(0.004, [0.0; 3]);
+    for (coatings, layers) in [
+        (vec![None, Some(mirror.clone())], vec![pane]),
+        (vec![Some(mirror.clone()), None], vec![pane]),
+        (vec![None, None], vec![glass(0.004, [1e9; 3])]),
+        (vec![None, None, Some(mirror), None], vec![pane, gap(0.016), pane]),
+    ] {
+        for (alpha, wave) in [(None, None), (Some(0.01), None), (None, Some([1e-4, 0.2, 30.0]))] {
+            case.roughness = alpha.map(|alpha| vec![alpha; coatings.len()]);
+            case.wave = wave;
+            case.stack = Some(Stack::new(layers.clone(), coatings.clone()));
+            for pixel in case.render() {
+                assert_eq!(pixel.mean[T], [1.0; 3]);
+                assert_eq!(pixel.mean[I], pixel.mean[GLASS]);
+                assert!(pixel.mean[I].iter().all(|v| (0.01..1.5).contains(v)), "{pixel:?}");
+            }
+        }
+    }
+}

@@ -112,7 +112,7 @@ impl FaceCoating {
         let ascends = angles.windows(2).all(|pair| pair[0] < pair[1]);
         let is_whole = angles.first() == Some(&0.0) && angles.last() == Some(&90.0);
         let field = format!("{section}.angles_deg");
-        if !angles.is_empty() && !(ascends && is_whole && angles.len() <= MOST_ANGLES) {
+        if !(angles.is_empty() || ascends && is_whole && angles.len() <= MOST_ANGLES) {
             return Err(LineError::AnglesOfCoating { field });
         }
         let cos = |deg: f64| libm::cos(deg.to_radians());

@@ -71,14 +71,13 @@ impl StackOptics {
             let step = span / (cells * POINTS) as f64;
             let at = |i: usize| (least_cos + step * i as f64).min(1.0);
             let cosines: Vec<f64> = (0..=cells * POINTS).map(at).collect();
-            let (selection, paths) = match &fixed {
-                Some((selection, paths)) => (selection.at(stack, paths, &cosines), None),
-                None => {
-                    let Searched { selection, paths, was_cut } =
-                        select(stack, &cosines, max_radiance, tolerance);
-                    search_was_bounded |= was_cut;
-                    (selection, Some(paths))
-                }
+            let (selection, paths) = if let Some((selection, paths)) = &fixed {
+                (selection.at(stack, paths, &cosines), None)
+            } else {
+                let Searched { selection, paths, was_cut } =
+                    select(stack, &cosines, max_radiance, tolerance);
+                search_was_bounded |= was_cut;
+                (selection, Some(paths))
             };
             let (tables, error) = tabulate(stack, &selection, &cosines);
             if error > MAX_ERROR && cells < CELLS[1] {

@@ -155,7 +155,8 @@ fn any_stack(count: usize, seed: u64) -> Stack {
     };
     let mut layers = vec![];
     for _ in 0..count {
-        let absorption_per_m = [0, 1, 2].map(|_| if seed % 2 == 0 { 0.0 } else { 20.0 * random() });
+        let absorption_per_m =
+            [0, 1, 2].map(|_| if seed.is_multiple_of(2) { 0.0 } else { 20.0 * random() });
         layers.push(match random() {
             x if x < 0.3 => gap(0.001 + random()),
             _ => StackLayer {
