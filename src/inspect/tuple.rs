@@ -11,7 +11,7 @@ use crate::text::many;
 use render::formats::decode_exr_channels;
 use render::line::SceneLine;
 use render::merge::{
-    TUPLE_SCHEMA_1, TupleRecord, decode_tuple_exr, decode_tuple_labels, tuple_files,
+    TUPLE_SCHEMA_1, TupleRecord, decode_tuple_exr, decode_tuple_labels, light_notes, tuple_files,
 };
 use render::trace::TRACER_VERSION;
 use serde_json::json;
@@ -118,6 +118,9 @@ fn say(found: &mut Inspection, record: &TupleRecord) {
     }
     for note in record.facts.notes() {
         found.facts.say("depth", note);
+    }
+    for note in light_notes(&record.layers) {
+        found.facts.say("light", note);
     }
     if record.tracer_version != TRACER_VERSION {
         found.next.push(format!(

@@ -178,6 +178,8 @@ fn row(line: &SceneLine, store: &Store, has_map: bool, encoder: &SrgbEncoder) ->
 /// Formats the stated error of a layer, and its shares of missed paths and clipped values.
 fn numbers(layer: &LayerRecord) -> Markup {
     let shares = [("missed", layer.miss_share), ("clipped", layer.clipped_share)];
+    let bounds = [("misplaced", layer.dropped), ("lost", layer.shadowed)]
+        .map(|(what, bound)| (what, bound.unwrap_or(0.0)));
     html! {
         "error " @match layer.error_rms {
             Some(rms) => { (error(rms)) }
@@ -185,6 +187,9 @@ fn numbers(layer: &LayerRecord) -> Markup {
         }
         @for (what, share) in shares.into_iter().filter(|(_, share)| *share > 0.0) {
             " \u{b7} " (what) " " (format_args!("{:.2} %", share * 100.0))
+        }
+        @for (what, bound) in bounds.into_iter().filter(|(_, bound)| *bound > 0.0) {
+            " \u{b7} " (what) " at most " (format_args!("{bound:.1e}"))
         }
     }
 }

@@ -9,8 +9,6 @@ fn white_stays_white() {
     case.film = [9, 6];
     for (tilt, gaussian) in [([0.0, 0.0], false), ([20.0, -35.0], true)] {
         (case.tilt_deg, case.gaussian) = (tilt, gaussian);
-        let scene = case.scene();
-        let tail = scene.orders.front_tail + scene.orders.back_tail;
         let mut worst = 0f64;
         for pixel in case.render() {
             assert_eq!(pixel.mean[T], [1.0; 3]);
@@ -19,12 +17,13 @@ fn white_stays_white() {
                 worst = worst.max((f64::from(v) - 1.0).abs());
             }
         }
-        println!("tilt {tilt:?}: |I - 1| <= {worst:.1e}, dropped tail {tail:.1e}");
-        assert!(worst <= 1e-5 + tail);
+        println!("tilt {tilt:?}: |I - 1| <= {worst:.1e}");
+        // Thinned orders take their weights at fewer points of a pixel.
+        assert!(worst <= 1e-4);
     }
 }
 
-/// I and R~ equal the closed-form totals averaged over the pixel, except for the dropped orders.
+/// I and R~ equal the closed-form totals averaged over the pixel: the light of dropped orders is in the last ones.
 #[test]
 fn absorbing_glass_passes_its_closed_totals() {
     let mut case = Case::new(bumpy(1, true), bumpy(2, true));
@@ -62,10 +61,8 @@ fn absorbing_glass_passes_its_closed_totals() {
             worst_glass = worst_glass.max((f64::from(pixel.mean[GLASS][c]) - expected[1][c]).abs());
         }
     }
-    let (front, back) = (scene.orders.front_tail, scene.orders.back_tail);
-    println!("I {worst_input:.1e}, R~ {worst_glass:.1e}; tails {front:.1e}, {back:.1e}");
-    assert!(worst_input <= 1e-5 + front + back);
-    assert!(worst_glass <= 1e-5 + back);
+    println!("I {worst_input:.1e}, R~ {worst_glass:.1e}");
+    assert!(worst_input <= 1e-5 && worst_glass <= 1e-5);
 }
 
 /// With a black back side, the input equals `input - glass_reflection` of the full scene: the front through the glass.

@@ -19,6 +19,7 @@ mod labels;
 mod mesh;
 mod optics;
 mod pairs;
+mod panes;
 mod pixels;
 mod property;
 mod reference;

@@ -66,14 +66,17 @@ pub(crate) fn rooms(case: &Case) -> Scene {
 fn white_rooms_stay_white() {
     let mut case = case_without_photographs();
     case.film = [13, 9];
-    for (tilt, gaussian, aperture_m) in
-        [([0.0, 0.0], false, 0.00893), ([20.0, -35.0], true, 0.05), ([-10.0, 8.0], false, 0.0)]
-    {
+    for (tilt, gaussian, aperture_m, alpha) in [
+        ([0.0, 0.0], false, 0.00893, None),
+        ([20.0, -35.0], true, 0.05, None),
+        ([-10.0, 8.0], false, 0.0, None),
+        ([-10.0, 8.0], false, 0.0, Some(0.01)),
+    ] {
         (case.tilt_deg, case.gaussian, case.aperture_m) = (tilt, gaussian, aperture_m);
+        case.roughness = alpha.map(|alpha| vec![alpha; 2]);
         let mut scene = case.scene();
         scene.front = room(1, true).into();
         scene.back = room(2, true).into();
-        let tail = scene.orders.front_tail + scene.orders.back_tail;
         let result = whole_film(&scene, Isa::detect());
         assert_eq!(result.misses.0, [0; 4], "a ray left a closed room");
         let mut worst = 0f64;
@@ -84,8 +87,9 @@ fn white_rooms_stay_white() {
                 worst = worst.max((f64::from(v) - 1.0).abs());
             }
         }
-        println!("tilt {tilt:?}: |I - 1| <= {worst:.1e}, dropped tail {tail:.1e}");
-        assert!(worst <= 1e-5 + tail);
+        println!("tilt {tilt:?}: |I - 1| <= {worst:.1e}");
+        // Thinned orders take their weights at fewer points of a pixel.
+        assert!(worst <= 1e-4);
     }
 }
 

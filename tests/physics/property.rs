@@ -102,8 +102,8 @@ fn within_bounds(
     let [b_lo, b_hi] = range(&case.back);
     let excess = thinned_excess(&orders.front, f_hi) + thinned_excess(&orders.back, b_hi);
     let mixed = f_hi.max(b_hi) + excess;
-    // An absorbing pane may darken all light; otherwise, only dropped and thinned orders may lose light.
-    let lost = excess + 1.01 * (orders.front_tail + orders.back_tail);
+    // An absorbing pane may darken all light; otherwise, only thinned orders and rough faces may lose light.
+    let lost = excess + orders.shadowed;
     let floor =
         if case.absorption_per_m == [0.0; 3] { (f_lo.min(b_lo) - lost).max(0.0) } else { 0.0 };
     let bounds = [[floor, mixed], [f_lo, f_hi], [0.0, b_hi + excess], [b_lo, b_hi]];

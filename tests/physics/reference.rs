@@ -8,7 +8,8 @@ use crate::rough::RoughReference;
 use crate::sheet::Sheet;
 use glam::{DMat3, DVec3};
 use render::trace::{
-    FollowedOrder, Meeting, Order, PixelMeans, PixelSeed, Scene, Stack, StackOptics, sample,
+    Cut, FollowedOrder, Meeting, Order, PixelMeans, PixelSeed, RoughPane, Scene, Stack,
+    StackOptics, sample,
 };
 
 /// Nodes and weights of the Gauss-Legendre rule with three points on [-1, 1], exact for polynomials of degree 5.
@@ -18,6 +19,9 @@ const GAUSS_LEGENDRE: [(f64, f64); 3] =
 /// The faces that a path meets, the pixel and the number of its sample.
 type Scattered<'a> = (&'a [Meeting], (&'a PixelSeed, u32));
 
+/// Round trips after which the light of a single layer is negligible.
+const LAST_ROUND_TRIP: u32 = 60;
+
 /// The f64 renderer of a case, with the tracer's sample points and choice of orders.
 pub(crate) struct Reference<'a> {
     case: &'a Case,
@@ -26,6 +30,8 @@ pub(crate) struct Reference<'a> {
     back: Sheet<'a>,
     pane: Pane,
     rough: Option<RoughReference>,
+    /// Light of the paths that are not followed.
+    cuts: Vec<Cut>,
     /// Rotation and shift from world coordinates x to the back camera's coordinates `rotation * x + shift`.
     to_back: (DMat3, DVec3),
 }
@@ -59,6 +65,7 @@ impl<'a> Reference<'a> {
                 absorption_per_m: case.absorption_per_m,
             },
             rough: RoughReference::new(case),
+            cuts: scene.rough.as_ref().map(RoughPane::cuts).unwrap_or_default(),
             to_back,
         }
     }
@@ -97,7 +104,7 @@ impl<'a> Reference<'a> {
     /// of its path, the pixel and the number of the sample; without it, the faces are smooth.
     fn behind_pane(
         &self,
-        order: Order,
+        (order, carries_dropped): (Order, bool),
         origin: DVec3,
         d: DVec3,
         rough: Option<Scattered<'_>>,
@@ -107,11 +114,17 @@ impl<'a> Reference<'a> {
             (Place::Glass, _) => match (&self.rough, rough) {
                 (Some(pane), Some((meetings, of))) => {
                     let exit = pane.follow(meetings, of, origin, d);
-                    let is_dark = exit.share == [[0.0; 3]; 2];
-                    if is_dark { ([0.0; 3], [0.0; 3]) } else { self.after(order, exit) }
+                    let side = usize::from(matches!(order, Order::Reflected(_)));
+                    let mut weight = exit.weight();
+                    for cut in self.cuts.iter().filter(|_| carries_dropped) {
+                        let light = pane.follow(&cut.meetings, of, origin, d).weight();
+                        (0..3).for_each(|c| weight[c] += light[c] * cut.division[side][c]);
+                    }
+                    let smear = pane.smear_factor(of, origin, d, side == 0);
+                    (self.after(order, exit).0, weight.map(|weight| weight * smear))
                 }
                 (Some(pane), None) if pane.is_free() => self.after(order, pane.straight(origin, d)),
-                _ => self.behind_glass(order, origin, d),
+                _ => self.behind_glass((order, carries_dropped), origin, d),
             },
             (Place::Frame, Order::Transmitted(0)) => {
                 let edges = covered.edges.as_ref().expect("a frame has edges");
@@ -122,15 +135,32 @@ impl<'a> Reference<'a> {
         }
     }
 
-    fn behind_glass(&self, order: Order, origin: DVec3, d: DVec3) -> ([f64; 3], [f64; 3]) {
+    fn behind_glass(
+        &self,
+        (order, carries_dropped): (Order, bool),
+        origin: DVec3,
+        d: DVec3,
+    ) -> ([f64; 3], [f64; 3]) {
         if let (Some(stack), Some(optics)) = (&self.case.stack, &self.scene.stack) {
             return self.behind_stack((stack, optics), order, origin, d);
         }
-        let exit = match self.bent() {
+        let exit = |order: Order| match self.bent() {
             Some(bent) => bent.follow(origin, d, order),
             None => self.pane.exit(origin, d, order),
         };
-        self.after(order, exit)
+        let (radiance, mut weight) = self.after(order, exit(order));
+        let longer: Box<dyn Iterator<Item = Order>> = match order {
+            Order::Transmitted(k) => Box::new((k + 1..k + LAST_ROUND_TRIP).map(Order::Transmitted)),
+            Order::Reflected(k) => Box::new((k + 1..k + LAST_ROUND_TRIP).map(Order::Reflected)),
+        };
+        for order in longer.filter(|_| carries_dropped) {
+            let light = exit(order).weight();
+            (0..3).for_each(|c| weight[c] += light[c]);
+            if light.iter().all(|light| *light < 1e-12) {
+                break;
+            }
+        }
+        (radiance, weight)
     }
 
     /// Returns the radiance along a ray that has left the pane, and its weight.
@@ -253,12 +283,13 @@ impl<'a> Reference<'a> {
                 let (_, lens, d) = self.camera(x, y, sample(&seed, s));
                 let order = followed.order;
                 let scattered = meetings.map(|meetings| (meetings, (&seed, s)));
-                let (radiance, weight) = self.behind_pane(order, lens, d, scattered);
+                let of_order = (order, followed.carries_dropped);
+                let (radiance, weight) = self.behind_pane(of_order, lens, d, scattered);
                 add(&mut layers[0], radiance, weight, taken.0);
                 match followed.order {
                     Order::Transmitted(0) => {
                         // T sees through the smooth pane.
-                        let (bare, _) = self.behind_pane(order, lens, d, None);
+                        let (bare, _) = self.behind_pane((order, false), lens, d, None);
                         add(&mut layers[1], bare, [1.0; 3], taken.0);
                     }
                     Order::Transmitted(_) => {}

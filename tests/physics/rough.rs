@@ -5,7 +5,9 @@ use crate::optics::{Exit, face, mirrored};
 use crate::reference::concentric;
 use crate::smudges::Smudged;
 use glam::{DMat3, DVec3};
-use render::trace::{Coating, Meeting, PixelSeed, Smear, StackLayer, Wave, sample};
+use render::trace::{
+    Coating, Meeting, PixelSeed, Smear, StackLayer, Wave, sample, visible_share, visible_shift,
+};
 
 /// A pane of a case, whose faces are planes, concentric spheres or height fields.
 #[derive(Clone)]
@@ -114,6 +116,18 @@ impl RoughReference {
         (f64::from(u) < smudges.share(self.axes, from_pivot)).then_some(smudges.smear)
     }
 
+    /// Returns the factor of the smear in the weight of light that leaves to the front or to the back.
+    pub(crate) fn smear_factor(
+        &self,
+        of: (&PixelSeed, u32),
+        origin: DVec3,
+        d: DVec3,
+        is_front: bool,
+    ) -> f64 {
+        let smear = self.smear(of, origin, d);
+        smear.map_or(1.0, |smear| smear.transmittance.powi(if is_front { 1 } else { 2 }))
+    }
+
     /// True if the faces are no parallel planes or spheres.
     pub(crate) fn is_free(&self) -> bool {
         self.wave.is_some() || self.turned.is_some()
@@ -131,11 +145,6 @@ impl RoughReference {
         // Coatings have the shares of the camera ray's angle; coated panes are flat.
         let cos_i = d.dot(self.normal);
         let smear = self.smear((seed, index), origin, d);
-        if let Some(smear) = smear {
-            let reflected = meetings.iter().filter(|meeting| meeting.reflects).count();
-            let passes = if reflected % 2 == 0 { 1 } else { 2 };
-            share = [[smear.transmittance.powi(passes); 3]; 2];
-        }
         let mut before: Option<usize> = None;
         let ior = |layer: Option<usize>| {
             layer.and_then(|layer| self.layers.get(layer)).map_or(1.0, |layer| layer.ior)
@@ -156,24 +165,19 @@ impl RoughReference {
             before = Some(number);
             let [across, down, n] = self.frame(number, point);
             let [u, v, ..] = sample(&seed.of_meeting(k as u32), index);
-            let (x, y) = concentric(f64::from(u), f64::from(v));
-            let square = (x * x + y * y).min(1.0 - 2f64.powi(-24));
-            let scale = if square > 0.0 {
-                let smear = smear.filter(|_| number == 0);
-                let alpha = smear.map_or(self.alphas[number], |smear| smear.roughness);
-                alpha * (-(1.0 - square).ln() / square).sqrt()
-            } else {
-                0.0
-            };
+            let alpha =
+                smear.filter(|_| number == 0).map_or(self.alphas[number], |smear| smear.roughness);
+            let [x, y] = visible_slopes(alpha, [d.dot(across), d.dot(down), d.dot(n)], [u, v]);
             // The face's and the facet's normals on the far side of the light.
             let side = if inward { 1.0 } else { -1.0 };
-            let m = side * (n + scale * (x * across + y * down)).normalize();
+            let m = side * (n + x * across + y * down).normalize();
             let n = side * n;
             let (near, far) = (ior(number.checked_sub(1)), ior(Some(number)));
             let (from, to) = if inward { (near, far) } else { (far, near) };
             let (refracted, r) = face(d, m, from, to);
             // Total reflection has no refracted direction.
-            let r = if refracted.is_finite() { r } else { [1.0; 2] };
+            let is_total = !refracted.is_finite();
+            let r = if is_total { [1.0; 2] } else { r };
             let (out, fresnel) = if reflects {
                 (mirrored(d, m), r.map(|r| [r; 3]))
             } else {
@@ -185,11 +189,14 @@ impl RoughReference {
                 None => fresnel,
             };
             let leaves = out.dot(n) * if reflects { -1.0 } else { 1.0 };
-            // False for NaN, which total reflection gives.
-            let is_possible = d.dot(m) > 0.0 && leaves > 0.0;
-            let shape = if is_possible { d.dot(m) / (d.dot(n) * m.dot(n)) } else { 0.0 };
+            let is_possible = d.dot(n) > LEAST_COS
+                && d.dot(m) > 0.0
+                && leaves > LEAST_COS
+                && (reflects || !is_total);
+            let b = alpha * (1.0 - leaves * leaves).max(0.0).sqrt() / leaves;
+            let seen = if is_possible { visible_share(b) } else { 0.0 };
             for (share, of_face) in share.iter_mut().zip(shares) {
-                let of = |c: usize| if is_possible { of_face[c] * shape } else { 0.0 };
+                let of = |c: usize| if is_possible { of_face[c] * seen } else { 0.0 };
                 (0..3).for_each(|c| share[c] *= of(c));
             }
             let straight = if reflects { mirrored(d, n) } else { d };
@@ -197,6 +204,29 @@ impl RoughReference {
         }
         Exit { point, direction: d, share }
     }
+}
+
+/// Least cosine of a direction to the normal of a face with which light goes on.
+const LEAST_COS: f64 = 1e-4;
+
+/// Returns the slopes of the facet that a ray with the direction `d` in a face's coordinates meets, for a point of the unit square.
+fn visible_slopes(alpha: f64, [dx, dy, dz]: [f64; 3], [u, v]: [f32; 2]) -> [f64; 2] {
+    let (x, y) = concentric(f64::from(u), f64::from(v));
+    let square = (x * x + y * y).min(1.0 - 2f64.powi(-24));
+    if alpha == 0.0 || square == 0.0 {
+        return [0.0; 2];
+    }
+    let scale = (-(1.0 - square).ln() / square).sqrt();
+    let of_all = [scale * x, scale * y];
+    let tangent = [dx / dz, dy / dz];
+    let length = tangent[0].hypot(tangent[1]);
+    if length == 0.0 {
+        return of_all.map(|slope| alpha * slope);
+    }
+    let away = tangent.map(|v| -v / length);
+    let along = of_all[0] * away[0] + of_all[1] * away[1];
+    let shift = visible_shift(along, alpha * length);
+    [0, 1].map(|k| alpha * (of_all[k] + shift * away[k]))
 }
 
 /// Between white photographs, a pane with rough faces is white: the weights of all paths are 1 in the mean, without multiple
@@ -289,26 +319,31 @@ fn the_smooth_limit_is_the_smooth_pane() {
     }
 }
 
-/// Light that the selected paths do not have is stated: with it, the weights add up to 1, even where facets turn light to total
-/// reflection.
+/// Between white photographs, a pane lacks at most the light that it states as lost, even where facets turn light to total
+/// reflection or hide each other; no pixel is brighter than the photographs but by noise.
 #[test]
-fn dropped_paths_are_stated() {
+fn lost_light_is_stated() {
     let mut case = Case::new(bumpy(1, true), bumpy(2, true));
     (case.film, case.spp) = ([6, 4], 4096);
-    for (alpha, yaw_deg, tolerance) in
-        [(0.02, 0.0, 7.6e-5), (0.02, 0.0, 0.02), (0.1, 40.0, 7.6e-5), (0.1, 60.0, 7.6e-5)]
-    {
+    for (alpha, yaw_deg, tolerance) in [
+        (0.02, 0.0, 7.6e-5),
+        (0.02, 0.0, 0.02),
+        (0.1, 40.0, 7.6e-5),
+        (0.1, 60.0, 7.6e-5),
+        (0.05, 69.0, 7.6e-5),
+    ] {
         (case.roughness, case.tilt_deg) = (Some(vec![alpha; 2]), [0.0, yaw_deg]);
         case.tolerance = tolerance;
         let scene = case.scene();
-        let dropped = scene.orders.front_tail + scene.orders.back_tail;
+        let (dropped, shadowed) = (scene.orders.dropped, scene.orders.shadowed);
         let pixels = case.render();
         let sum: f64 = pixels.iter().map(|pixel| f64::from(pixel.mean[I][0])).sum();
         let missing = 1.0 - sum / pixels.len() as f64;
         println!(
-            "alpha {alpha}, yaw {yaw_deg}: {missing:.1e} of the light is missing, stated {dropped:.1e}"
+            "alpha {alpha}, yaw {yaw_deg}: {missing:.1e} of the light is missing, stated {shadowed:.1e}; misplaced {dropped:?}"
         );
-        assert!(missing < 1.5 * dropped + 3e-4, "{missing}");
-        assert!(dropped < 3.0 * missing.max(0.0) + 4.0 * tolerance, "{dropped}");
+        assert!(missing < shadowed + 2e-4 && missing > -2e-4, "{missing}");
+        // The bound is that of the worst pixel.
+        assert!(shadowed < 12.0 * missing.max(0.0) + 1e-3, "{shadowed}");
     }
 }

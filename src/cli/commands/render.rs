@@ -19,7 +19,7 @@ use render::layer::Layer;
 use render::line::{Roots, SceneLine, parse_scene};
 use render::merge::{
     LabelRecord, LayerRecord, PhotographRecord, TUPLE_SCHEMA, TUPLE_SCHEMA_1, Tuple, TupleRecord,
-    encode_png, photographs,
+    encode_png, light_notes, photographs,
 };
 use render::scene::{SceneFacts, read_files_by};
 use render::shard::ShardLayout;
@@ -106,6 +106,9 @@ pub(super) fn run(args: &RenderArgs, global: &Global, output: &Output) -> Result
     };
     let trace_s = clock.elapsed().as_secs_f64();
     let tuple = tuple.map_err(|e| invalid(e.into()))?;
+    for note in light_notes(&tuple.record.layers) {
+        output.warning(&note);
+    }
     let clock = Instant::now();
     outputs.claim()?;
     write(&tuple, &args.out)?;

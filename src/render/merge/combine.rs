@@ -173,6 +173,7 @@ impl Combined {
             let error_rms = (samples != 1).then(|| self.moves[layer].rms_error(tail));
             let (paths, misses) = (self.paths[layer], self.misses[layer]);
             let mut record = LayerRecord::new(pixels, samples, error_rms, paths, misses);
+            record.bound(layer, &first.header.facts);
             record.exr_blake3 = half.then(|| layer_digest(&halved(pixels)));
             let mean_samples = |sums: PerLayer<u64>| sums[layer] as f64 / pixels.len() as f64;
             record.mean_samples = self.sample_sums.map(mean_samples);

@@ -31,7 +31,9 @@ pub use photographs::{
     PHOTO, PhotographRecord, RAW, metered_factor, percentile, photographed_layer, photographs,
 };
 pub use read::{check_png, decode_tuple_exr, decode_tuple_labels};
-pub use tuple::{LabelRecord, LayerRecord, TUPLE_SCHEMA, TUPLE_SCHEMA_1, Tuple, TupleRecord};
+pub use tuple::{
+    LabelRecord, LayerRecord, TUPLE_SCHEMA, TUPLE_SCHEMA_1, Tuple, TupleRecord, light_notes,
+};
 pub use write::{
     TupleWriteError, encode_layer_image, encode_png, encode_png16, encode_rgb8_png,
     encode_tuple_exr, encode_tuple_record, encode_tuple_record_1, is_readable_record_of,

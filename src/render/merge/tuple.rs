@@ -61,7 +61,7 @@ pub struct TupleRecord {
     /// Version and exposure of the photographs, if the scene has a sensor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photographs: Option<PhotographRecord>,
-    /// Facts from loading the scene, such as focus, orders and dropped tail.
+    /// Facts from loading the scene, such as focus, orders and dropped light.
     pub facts: SceneFacts,
     /// Digests of the input files.
     pub inputs: InputDigests,
@@ -138,6 +138,12 @@ pub struct LayerRecord {
     /// Estimated RMS error of the layer, linear (see [`crate::trace::square_error`]): 0 in closed form, and `null` for a
     /// single sample, which has no half.
     pub error_rms: Option<f64>,
+    /// Bound of the light that is in a wrong order, linear, of any pixel and colour (`facts.dropped`); only of I and R~.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dropped: Option<f64>,
+    /// Bound of the light that rough faces take from the layer, linear, of any pixel and colour (`facts.shadowed`); only of I and R~.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shadowed: Option<f64>,
     /// Mean over all pixels and colours, linear.
     pub mean: f64,
     /// Largest value, linear.
@@ -168,6 +174,8 @@ impl LayerRecord {
             samples,
             mean_samples: None,
             error_rms,
+            dropped: None,
+            shadowed: None,
             mean: values.iter().map(|&v| f64::from(v)).sum::<f64>() / count,
             max: f64::from(values.iter().fold(0f32, |m, &v| v.max(m))),
             clipped_share: values.iter().filter(|&&v| v > 1.0).count() as f64 / count,
@@ -176,6 +184,43 @@ impl LayerRecord {
             exr_blake3: None,
         }
     }
+}
+
+impl LayerRecord {
+    /// Sets the bounds of misplaced and of lost light.
+    pub(super) fn bound(&mut self, layer: Layer, facts: &SceneFacts) {
+        let dropped = match layer {
+            Layer::Input => facts.dropped.front + facts.dropped.back,
+            Layer::GlassReflection => facts.dropped.back,
+            Layer::Transmission | Layer::CleanReflection => return,
+        };
+        (self.dropped, self.shadowed) = (Some(dropped), Some(facts.shadowed));
+    }
+}
+
+/// Share of the mean of I above which misplaced or lost light is worth a note.
+const NOTED_SHARE: f64 = 0.01;
+
+/// Returns remarks on the light that the input lacks or has in a wrong place, from the statistics of the layers.
+pub fn light_notes(layers: &BTreeMap<String, LayerRecord>) -> Vec<String> {
+    let Some(input) = layers.get(Layer::Input.name()) else {
+        return vec![];
+    };
+    let is_much = |bound: &f64| *bound > NOTED_SHARE * input.mean;
+    let percent = |bound: f64| 100.0 * bound / input.mean;
+    let dropped = input.dropped.filter(is_much).map(|bound| {
+        format!(
+            "up to {:.1} % of I's mean light may be in the wrong place of a pixel: the pane has more orders of light than are followed",
+            percent(bound)
+        )
+    });
+    let shadowed = input.shadowed.filter(is_much).map(|bound| {
+        format!(
+            "up to {:.1} % of I's mean light may be lost in a pixel: facets of rough glass hide each other at such angles",
+            percent(bound)
+        )
+    });
+    dropped.into_iter().chain(shadowed).collect()
 }
 
 /// Statistics of one label.

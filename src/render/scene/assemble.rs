@@ -12,6 +12,7 @@ use super::geometry::{
 };
 use super::load::{DecodedScene, InputDigests};
 use super::near::Near;
+use super::negligible::Negligible;
 use super::place::{DecodedSide, Placed};
 use super::smudges::smudges;
 use super::surface::{back_surface, front_surface};
@@ -56,14 +57,16 @@ pub fn assemble_decoded(
         inverse_focus_per_m: focus_distance_m.map_or(0.0, |z| 1.0 / z),
     };
     check_geometry(line, lens.inverse_focus_per_m)?;
+    let negligible = Negligible::of(line, &lens, front.nearest_m().min(back.nearest_m()));
+    let line = &*negligible.without(line);
 
     let film = film_plane(line);
     let reach = film_reach(&film, &lens);
     let directions = film_directions(reach);
     let bow = bow(line);
     let cosines = cosines(&directions, &slab, bow.as_ref());
-    let brightest = [max_radiance.front, max_radiance.back];
-    let tolerance = line.film.order_tolerance;
+    let (brightest, tolerance) =
+        ([max_radiance.front, max_radiance.back], line.film.order_tolerance);
     let between = cosines_between(&cosines, reach);
     let (stack, mut orders) = match stack(line) {
         None => (None, OrderPlan::new(&slab, &cosines, brightest, tolerance)),
@@ -72,8 +75,7 @@ pub fn assemble_decoded(
             (Some(stack), orders)
         }
     };
-    let (wave, turned) = (wave(line), turned_faces(line));
-    let smudges = smudges(line, map.as_deref());
+    let (wave, turned, smudges) = (wave(line), turned_faces(line), smudges(line, map.as_deref()));
     let shape = RoughShape {
         slab: &slab,
         distance_m: line.glass.distance_m,
@@ -95,7 +97,10 @@ pub fn assemble_decoded(
     let facts = SceneFacts {
         focus_distance_m,
         orders: order_facts(&orders, line.film.spp),
-        dropped_tail: Sides { front: orders.front_tail, back: orders.back_tail },
+        dropped: Sides { front: orders.dropped[0], back: orders.dropped[1] },
+        shadowed: orders.shadowed,
+        negligible,
+        search_was_bounded: orders.search_was_bounded,
         filled_share: Sides { front: front.filled_share(), back: back.filled_share() },
         relative_depth: SidesWith { front: front.relative(), back: back.relative() },
         too_near_share,

@@ -1,8 +1,6 @@
 //! Refuses panes at a grazing angle and panes that cut the lens.
 
-use super::geometry::{
-    bow, filter_reach_px, largest_roughness, layers, slab, turned_faces, unfiltered_film,
-};
+use super::geometry::{bow, filter_reach_px, layers, slab, turned_faces, unfiltered_film};
 use crate::line::SceneLine;
 use crate::trace::Slab;
 use glam::DVec3;
@@ -25,24 +23,6 @@ pub enum GeometryError {
         v: f64,
         /// Angle between this ray and the pane's normal.
         angle_deg: f64,
-        pitch_deg: f64,
-        yaw_deg: f64,
-        focal_length_mm: f64,
-    },
-    /// A ray that meets rough faces so flat that their facets would hide each other.
-    #[error(
-        "a ray of film point ({u} px, {v} px) meets the rough pane at {angle_deg:.2} degrees, but at most {most_deg:.2} are \
-         allowed with a roughness of {alpha}: reduce glass.roughness (or that of glass.smudges), glass.tilt_deg ({pitch_deg}, {yaw_deg}) or \
-         camera.aperture_radius_m, or increase camera.focal_length_mm ({focal_length_mm})"
-    )]
-    TooRough {
-        /// Film point of the refused ray, px.
-        u: f64,
-        v: f64,
-        /// Angle between this ray and the pane's normal.
-        angle_deg: f64,
-        most_deg: f64,
-        alpha: f64,
         pitch_deg: f64,
         yaw_deg: f64,
         focal_length_mm: f64,
@@ -85,24 +65,6 @@ pub enum GeometryError {
     },
 }
 
-/// Largest product of alpha and the tangent of the angle of incidence. Below, the facets do not hide each other (see
-/// [`crate::trace::RoughPane`]).
-const MOST_ALPHA_TANGENT: f64 = 0.625;
-
-/// Returns the largest angle between a camera ray and the normal of a line's pane.
-fn most_incidence_deg(line: &SceneLine) -> f64 {
-    let alpha = largest_alpha(line);
-    if alpha == 0.0 {
-        return MAX_INCIDENCE_DEG;
-    }
-    MAX_INCIDENCE_DEG.min(libm::atan(MOST_ALPHA_TANGENT / alpha).to_degrees())
-}
-
-/// Returns the largest roughness of a line's pane, with its smudges.
-fn largest_alpha(line: &SceneLine) -> f64 {
-    largest_roughness(line).into_iter().flatten().fold(0.0, f64::max)
-}
-
 /// Refuses a pane that cuts the lens, or that a camera ray meets at more than [`MAX_INCIDENCE_DEG`].
 ///
 /// `inverse_focus_distance_per_m` is 1 / focus distance, and 0 for a focus at infinity. The focus is a parameter
@@ -127,8 +89,7 @@ pub fn check_geometry(
     }
 
     let spread = aperture_radius_m * inverse_focus_distance_per_m;
-    let most_deg = most_incidence_deg(line);
-    let least_cos = libm::cos(most_deg.to_radians());
+    let least_cos = libm::cos(MAX_INCIDENCE_DEG.to_radians());
     check_bow(line, &slab, spread, least_cos)?;
     for corner in film_corners(line) {
         let direction = worst_direction(corner.slope, spread, normal, least_cos);
@@ -142,22 +103,10 @@ pub fn check_geometry(
             let angle_deg = libm::acos(cos_i.clamp(-1.0, 1.0)).to_degrees();
             let [pitch_deg, yaw_deg] = line.glass.tilt_deg;
             let focal_length_mm = line.camera.focal_length_mm;
-            if most_deg == MAX_INCIDENCE_DEG {
-                return Err(GeometryError::Grazing {
-                    u,
-                    v,
-                    angle_deg,
-                    pitch_deg,
-                    yaw_deg,
-                    focal_length_mm,
-                });
-            }
-            return Err(GeometryError::TooRough {
+            return Err(GeometryError::Grazing {
                 u,
                 v,
                 angle_deg,
-                most_deg,
-                alpha: largest_alpha(line),
                 pitch_deg,
                 yaw_deg,
                 focal_length_mm,
@@ -222,9 +171,9 @@ fn check_bow(
         let mirrored = mirrored - 2.0 * mirrored.dot(slab.normal) * slab.normal;
         match () {
             // The sine must also be smaller than the ratio, or light does not leave the rear face.
-            () if cos < least_cos || 1.0 - cos * cos >= (ratio * ratio).min(1.0) => Some(
-                "meets it at too large an angle (more than 85 degrees, or fewer for rough faces)",
-            ),
+            () if cos < least_cos || 1.0 - cos * cos >= (ratio * ratio).min(1.0) => {
+                Some("meets it at more than 85 degrees")
+            }
             () if mirrored.z < libm::cos(MAX_INCIDENCE_DEG.to_radians()) => {
                 Some("is reflected sideways")
             }
@@ -422,19 +371,19 @@ mod tests {
         }
     }
 
+    /// Facets that hide each other are a part of the model, so roughness refuses no angle.
     #[test]
-    fn rough_panes_at_a_grazing_angle_are_refused() {
+    fn rough_panes_are_accepted_at_the_angles_of_smooth_ones() {
         let rough = |alpha: f64, yaw_deg: f64| {
             let mut line = tilted(0.0, yaw_deg);
             line.glass.roughness = Some(Roughness::All(alpha));
-            check_geometry(&line, 0.0).map_err(|error| error.to_string())
+            check_geometry(&line, 0.0)
         };
         // A corner ray meets the pane at about 15.7 degrees more than the tilt.
-        rough(0.1, 60.0).unwrap();
-        let error = rough(0.1, 66.0).unwrap_err();
-        assert!(error.contains("at most 80.91 are allowed with a roughness of 0.1"), "{error}");
-        rough(0.02, 66.0).unwrap();
-        rough(0.0, 66.0).unwrap();
+        for alpha in [0.0, 0.02, 0.1] {
+            rough(alpha, 69.0).unwrap();
+            assert!(matches!(rough(alpha, 72.0), Err(GeometryError::Grazing { .. })));
+        }
     }
 
     proptest! {

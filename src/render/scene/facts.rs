@@ -2,6 +2,7 @@
 
 use super::aspect::OtherAspect;
 use super::far::far_text;
+use super::negligible::Negligible;
 use super::place::MeshFacts;
 use super::relative::RelativeEnds;
 use crate::trace::{BLOCK, Order, OrderPlan};
@@ -14,9 +15,20 @@ pub struct SceneFacts {
     pub focus_distance_m: Option<f64>,
     /// Orders of the glass that the tracer follows.
     pub orders: Vec<OrderFact>,
-    /// Upper bound of the light of dropped orders, linear radiance. The input lacks the dropped light of both sides,
-    /// and the glass reflection that of the back.
-    pub dropped_tail: Sides,
+    /// Bounds of the light of orders that are not followed, from the front and from the back, linear radiance, of any pixel and
+    /// colour. This light is in the last followed order of its side, so that it is only misplaced.
+    #[serde(alias = "dropped_tail")]
+    pub dropped: Sides,
+    /// Bound of the light that rough faces lose, linear radiance, of any pixel and colour: what their facets hide, and what leaves
+    /// a face on the wrong side. The input lacks it.
+    #[serde(default)]
+    pub shadowed: f64,
+    /// Features of the pane that are off, because they move no line of the film by more than 1e-3 px.
+    #[serde(default, skip_serializing_if = "Negligible::is_empty")]
+    pub negligible: Negligible,
+    /// True if the search of orders ended early, because the pane has too many.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub search_was_bounded: bool,
     /// Share of depth pixels that are filled holes; 0 for a mesh.
     pub filled_share: Sides,
     /// Ends of the depth range in metres, and the share of clamped pixels, for sides with relative depth.
@@ -48,7 +60,12 @@ impl SceneFacts {
         let notes = |(side, far_m, aspect): (&str, Option<f64>, Option<OtherAspect>)| {
             [far_m.map(|far_m| far_text(side, far_m)), aspect.map(|aspect| aspect.text(side))]
         };
-        sides.into_iter().flat_map(notes).flatten().collect()
+        let bounded = self.search_was_bounded.then(|| {
+            "the pane has so many orders of light that their search was cut short; facts.dropped bounds the light of \
+             those that are not followed"
+                .to_owned()
+        });
+        sides.into_iter().flat_map(notes).flatten().chain(bounded).collect()
     }
 }
 

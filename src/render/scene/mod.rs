@@ -10,7 +10,7 @@
 //!
 //! A panorama passes through `window` (the visible part) and `equirect` to `panorama` (Sheet), and a mesh through
 //! `ply_header`, `ply` and `transfer` to `mesh` (Polygons). `assemble` takes sheets and meshes and uses `place`,
-//! `check_geometry`, `near` and `surface`, with the coordinates of `geometry`. `look` checks files by their headers. `cache`
+//! `check_geometry`, `negligible`, `near` and `surface`, with the coordinates of `geometry`. `look` checks files by their headers. `cache`
 //! keeps decoded photographs, if asked to.
 //!
 //! Hostile bytes cause a [`SceneError`](crate::formats::SceneError), never a panic. Sizes are checked
@@ -38,6 +38,7 @@ mod look;
 mod mask;
 mod mesh;
 mod near;
+mod negligible;
 mod panorama;
 mod photograph;
 mod place;
@@ -65,6 +66,7 @@ pub use load::{
 pub use loader::SceneLoader;
 pub use look::{END_BYTES, FileEnds, FileRole, Look, START_BYTES, look, look_at_whole};
 pub use mesh::{Polygons, decode_mesh};
+pub use negligible::Negligible;
 pub(crate) use photograph::decode_srgb_image;
 pub use photograph::{Sheet, decode_linear_image, decode_photograph};
 pub use place::{Decoded, DecodedSide, MeshFacts};

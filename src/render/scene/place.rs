@@ -4,7 +4,7 @@ use super::error::AssembleError;
 use super::mesh::Polygons;
 use super::photograph::Sheet;
 use super::relative::RelativeEnds;
-use crate::trace::{MAX_COORDINATE_M, Mesh, Texture};
+use crate::trace::{MAX_COORDINATE_M, Mesh, NEAR_M, Texture};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -139,6 +139,17 @@ impl Placed {
         match self {
             Self::Sheet(sheet) => sheet.filled_share,
             Self::Mesh(_) => 0.0,
+        }
+    }
+
+    /// Returns the least distance of a surface along the axis of its camera, m.
+    pub(super) fn nearest_m(&self) -> f64 {
+        match self {
+            Self::Sheet(sheet) => 1.0 / f64::from(sheet.grid.extremes()[1]),
+            // Triangles are cut at the near plane.
+            Self::Mesh(placed) => {
+                placed.vertices_m.iter().map(|v| v.z).fold(f64::INFINITY, f64::min).max(NEAR_M)
+            }
         }
     }
 

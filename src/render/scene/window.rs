@@ -9,6 +9,7 @@ use super::geometry::{
     BackCamera, bow, film_directions, film_plane, film_reach, largest_roughness, layers, slab,
     stack,
 };
+use super::negligible::Negligible;
 use crate::line::{Focus, FocusAt, GlassLayer, SceneLine};
 use crate::trace::{Bow, Lens, Order, Slab, Stack};
 use glam::{DMat3, DVec3};
@@ -73,6 +74,8 @@ impl Sight {
             Focus::At { at: FocusAt::Infinity } => 0.0,
         };
         let lens = Lens { aperture_radius_m, inverse_focus_per_m };
+        let negligible = Negligible::of(line, &lens, line.glass.distance_m);
+        let line = &*negligible.without(line);
         Self {
             directions: film_directions(film_reach(&film, &lens)),
             translation_m,

@@ -5,12 +5,12 @@ use crate::trace::{Isa, Scene, Tile, trace_tile};
 
 /// Golden scenes, and the digests of their pixels with all films and numbers of samples below.
 const KEPT: [(&str, &str); 6] = [
-    ("mirror", "2074ef844c24641a970c4d317da5e809f50440ecb461166943fd64a2510bb352"),
-    ("camera", "7d9c5f23bb8eca836d20d564b5218d88a572ad64e954e3f33f66c94c82c15c37"),
-    ("tilted-absorbing", "e0c6f39faba6c91a592376fe45fc3d3e9b683c1ecafbea34d2e339f950e52e1c"),
-    ("tilted-camera-gaussian", "22657ce53312bf2e6a796e40bfa9a9285ba1aeb44c1268c90daa7e1f789fd6e3"),
-    ("pinhole", "df6c18a5e1daa4948d8e1ea37f96af9917ae5b78ab4e54c024e094b68bb0b793"),
-    ("steep", "648a55285fdf1b5a7e3e409f0ae62d1f97494f66ade5847ea515773434f29bba"),
+    ("mirror", "9dbb2b069754e46397ba42681cc784d8bdd6be42e1e70984fb092ea35e2f0a03"),
+    ("camera", "1138e19aa274c9fa48fda5bfeb8ec2393657452436577c8ed1a28ceeec7be00e"),
+    ("tilted-absorbing", "9810cc71eaac9862d49631c4d6e996a31deda1323e6780ed7ee4e709657f761f"),
+    ("tilted-camera-gaussian", "04f5f041f809e004b7756d0dc42cfdb590ec1fbbb75012908027b20637240ab6"),
+    ("pinhole", "4d46a5c0feba59d120e5aa7370d568cb6dcb527df34d44e3e6a0bcbfd29fa0c4"),
+    ("steep", "b028a7c4dbdd9c5d65bab228359af911cc8c9f7e19e316bba5ce03d917e63441"),
 ];
 
 /// Widths and heights of films, px: also no multiples of the side of a patch, and smaller than a patch.

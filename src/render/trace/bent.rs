@@ -2,7 +2,7 @@
 
 use super::bow::Bow;
 use super::lanes::{CHUNK, LANES, Lane};
-use super::shade::weights_of_faces;
+use super::shade::{weights_of_faces, weights_to_the_end};
 use super::slab::{Order, Slab};
 use glam::Vec3;
 
@@ -240,6 +240,14 @@ impl BentRays {
                 [&through_rear[0][s], &through_rear[1][s]],
             ],
         )
+    }
+
+    /// Computes the weights of an order with those of all longer ones, for one colour (see [`weights_to_the_end`]).
+    #[inline(always)]
+    pub(super) fn weights_to_the_end(&self, order: Order, s: usize, tau: &Lane) -> Lane {
+        let [[a, b], [c, d]] = [0, 1].map(|face| [0, 1].map(|q| &self.reflectance[face][q][s]));
+        let [[e, f], [g, h]] = [0, 1].map(|face| [0, 1].map(|q| &self.transmittance[face][q][s]));
+        weights_to_the_end(order, [[a, b], [c, d]], [[e, f], [g, h]], tau)
     }
 
     /// Returns the length of a pass over the thickness, for sample `s`.

@@ -11,7 +11,7 @@ use super::means::LaneSums;
 use super::overlay::{Overlay, meets};
 use super::patch::Patch;
 use super::scene::{Pose, Scene, View};
-use super::shade::{absorbed, weights};
+use super::shade::{absorbed, weights, weights_to_the_end};
 use super::slab::Order;
 use super::spans::{Found, OfPixel, Spans};
 use super::walk::{Group, Lines, Walkers, walk_bundle};
@@ -27,6 +27,8 @@ pub(super) struct Bundle<'a> {
     pub(super) samples: u32,
     /// `None` is R's pinhole path, with weight 1.
     pub(super) order: Option<Order>,
+    /// True if the order has the light of those that are not followed, too.
+    pub(super) carries_dropped: bool,
     pub(super) feeds: Feeds,
     /// Number of the chunk's samples in the first quarter of a pixel's samples, in the first half, and in total.
     pub(super) ends: [usize; 3],
@@ -286,13 +288,16 @@ impl BundleRays {
     #[inline(always)]
     fn weigh_in_glass(&mut self, scene: &Scene, bundle: &Bundle, order: Order) -> Factors {
         let (slab, camera, hits) = (&scene.slab, bundle.camera, &mut *self.hits);
-        if let Path::Rough(_) = bundle.path {
-            return hits.take_weights(&camera.rough, bundle.ends[2]);
+        if let Path::Rough(way) = bundle.path {
+            return hits.take_weights(&camera.rough, way, bundle.ends[2]);
         }
         if let (Path::Stack(table), Some(stack)) = (bundle.path, &scene.stack) {
             return hits.weigh(table, camera, bundle.ends[2], stack.is_coloured());
         }
         let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
+        if bundle.carries_dropped {
+            return self.weigh_to_the_end(scene, bundle, order);
+        }
         let (absorbs, is_bent) = (slab.absorbs_in(order), scene.bow.is_some());
         for s in 0..bundle.ends[2] {
             let (weight, inverse_cos_t) = if is_bent {
@@ -312,4 +317,50 @@ impl BundleRays {
         }
         if absorbs { Factors::Colour } else { Factors::Grey }
     }
+
+    /// Computes the factors of an order that has the light of all longer ones.
+    #[inline(always)]
+    fn weigh_to_the_end(&mut self, scene: &Scene, bundle: &Bundle, order: Order) -> Factors {
+        let (absorbs, hits) = (scene.slab.absorbs(), &mut *self.hits);
+        for s in 0..bundle.ends[2] {
+            let [red, green, blue] = weights_with_dropped(scene, bundle.camera, order, s);
+            if !absorbs {
+                hits.grey[s] = red;
+                continue;
+            }
+            for l in 0..LANES {
+                hits.colour[s][l] = [red[l], green[l], blue[l], 0.0];
+            }
+        }
+        if absorbs { Factors::Colour } else { Factors::Grey }
+    }
+}
+
+/// Computes the weights of an order of a single layer for sample `s`, with those of all longer ones: red, green, blue.
+#[inline(always)]
+pub(super) fn weights_with_dropped(
+    scene: &Scene,
+    camera: &CameraChunk,
+    order: Order,
+    s: usize,
+) -> [Lane; 3] {
+    let (slab, is_bent) = (&scene.slab, scene.bow.is_some());
+    let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
+    let weights = |tau: &Lane| {
+        if is_bent {
+            return camera.bent.weights_to_the_end(order, s, tau);
+        }
+        let (r, t) = ([&rs[s], &rp[s]], [&ts[s], &tp[s]]);
+        weights_to_the_end(order, [r; 2], [t; 2], tau)
+    };
+    if !slab.absorbs() {
+        return [weights(&[1.0; LANES]); 3];
+    }
+    let inverse_cos_t =
+        if is_bent { camera.bent.inverse_cos_t(s) } else { &camera.inverse_cos_t[s] };
+    slab.absorption_per_m.map(|a| {
+        let optical_depth = (a * slab.thickness_m) as f32;
+        let once = absorbed(&[1.0; LANES], Order::Transmitted(0), optical_depth, inverse_cos_t);
+        weights(&once)
+    })
 }

@@ -5,7 +5,7 @@ use super::cover::Entries;
 use super::isa::Isa;
 use super::lanes::{CHUNK, LANES, Lane, sin_cos_octant};
 use super::patch::Patch;
-use super::rough::{CameraRays, RoughPane, RoughPath, RoughRays};
+use super::rough::{CameraRays, RoughPane, RoughRays};
 use super::sampler::points;
 use super::scene::Scene;
 use super::stack::StackOptics;
@@ -31,7 +31,7 @@ pub(super) struct CameraChunk {
     pub(super) within: [Lane; CHUNK],
     /// The rays at a bent pane; filled in place of gamma, reflectance and transmittance.
     pub(super) bent: Box<BentRays>,
-    /// Rays behind rough faces, along the path of the current bundle.
+    /// Rays behind rough faces, along all ways.
     pub(super) rough: Box<RoughRays>,
     /// Places at which the rays meet the pane's plane.
     pub(super) entries: Entries,
@@ -134,20 +134,20 @@ impl CameraChunk {
         }
     }
 
-    /// Traces the first `count` rays of the chunk along a path through rough faces.
+    /// Traces the rays of the chunk along the ways through rough faces: `taken` are the numbers of samples of each.
     #[inline(always)]
     pub(super) fn scatter(
         &mut self,
         scene: &Scene,
-        (pane, path): (&RoughPane, &RoughPath),
+        pane: &RoughPane,
         patch: &Patch,
-        count: usize,
+        taken: &[usize],
         isa: Isa,
     ) {
         let sampling = scene.sampling;
         let rays =
-            CameraRays { patch, sampling, direction: &self.direction, lens: &self.lens, count };
-        self.rough.follow(pane, path, &rays, isa);
+            CameraRays { patch, sampling, direction: &self.direction, lens: &self.lens, taken };
+        self.rough.follow(pane, &rays, isa);
     }
 
     /// Locates the rays' cosines of incidence in the tables of a stack.

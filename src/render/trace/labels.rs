@@ -114,8 +114,10 @@ fn front_depth(
     camera.aim(scene, patch);
     let order = Order::Transmitted(0);
     let path = smooth_path_of(scene, order, 0);
-    if let (Path::Rough(path), Some(pane)) = (path, &scene.rough) {
-        camera.scatter(scene, (pane, path), patch, 1, Isa::Baseline);
+    if let (Path::Rough(way), Some(pane)) = (path, &scene.rough) {
+        let mut taken = vec![0; pane.ways()];
+        taken[way] = 1;
+        camera.scatter(scene, pane, patch, &taken, Isa::Baseline);
     }
     let bundle = Bundle {
         patch,
@@ -124,6 +126,7 @@ fn front_depth(
         number: 0,
         samples: 1,
         order: Some(order),
+        carries_dropped: false,
         feeds: Feeds::Bare,
         ends: [0, 0, 1],
     };

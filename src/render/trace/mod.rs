@@ -69,7 +69,7 @@ pub use means::{PixelMeans, square_error};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshCounts, NEAR_M};
 pub use orders::{FollowedOrder, OrderPlan};
 pub use probe::{BundleProbe, ProbeRay, WalkCount, sample_patch};
-pub use rough::{Meeting, RoughPane, RoughShape};
+pub use rough::{Cut, Meeting, RoughPane, RoughShape, visible_share, visible_shift};
 pub use sampler::{BLOCK, PixelSeed, sample};
 pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, Surface, View};
 pub use slab::{Order, Slab};
@@ -80,7 +80,7 @@ pub use tile::{Tile, TileResult, trace_tile};
 pub use wave::Wave;
 
 /// Version of the tracer's results; a change of a pixel or stated error must raise it. A run rejects other versions.
-pub const TRACER_VERSION: u32 = 5;
+pub const TRACER_VERSION: u32 = 6;
 
 #[cfg(test)]
 mod tests;

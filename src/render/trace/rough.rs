@@ -6,27 +6,36 @@
 //! D(m) = exp(-tan^2 / alpha^2) / (pi alpha^2 cos^4)      tan, cos of the angle between m and the face's normal n
 //! ```
 //!
-//! so that each of the two slopes of a facet is normal with standard deviation alpha / sqrt 2. At each face that it meets, a path draws
-//! a facet with density D cos, and is reflected or refracted there; its weight is the product over the faces of
+//! so that each of the two slopes of a facet is normal with standard deviation alpha / sqrt 2. Facets hide each other by Smith's
+//! separable factor G1(i) G1(o) (Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007, with the exact
+//! G1 of [`visible`]). At each face that it meets, light draws a facet from those that are visible from its direction, and is
+//! reflected or refracted there; its weight is the product over the faces of
 //!
 //! ```text
-//! F |i.m| / (|i.n| |m.n|)      F: Fresnel's reflectance or transmittance at the facet, i: direction of the incident light
+//! F G1(o)      F: Fresnel's reflectance or transmittance at the facet, o: direction in which the light leaves
 //! ```
 //!
-//! (Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007, eq. 41, without shadowing, which is
-//! absent where 1.6 alpha tan < 1; `scene::check_geometry` refuses other panes.) s and p are kept apart to the end, in the plane of incidence of
-//! the smooth face: facets turn it, which changes means over 16 x 16 px by less than 1e-5. A facet that light meets from behind, and light
-//! that leaves on the wrong side of the face, have weight 0.
+//! Both branches of a meeting have one facet, so the weights of all paths of a camera sample add up to at most 1: what is missing is
+//! what facets hide, and light that leaves on the wrong side of a face. s and p are kept apart to the end, in the plane of incidence of
+//! the smooth face: facets turn it, which changes means over 16 x 16 px by less than 1e-5.
 //!
 //! T and R are those of the smooth pane, so only I and R~ are blurred. Every path is an order of its own: paths that
-//! cross equal lengths leave a smooth stack on one line, but rough faces in different lobes.
+//! cross equal lengths leave a smooth stack on one line, but rough faces in different lobes. Light of paths that are not followed joins
+//! the last order of its side ([`tree`]).
 
+mod arrive;
+mod facet;
+mod meet;
 mod paths;
+mod program;
 mod rays;
 mod scatter;
+mod tree;
+mod visible;
 
 pub use paths::Meeting;
 pub(super) use rays::{CameraRays, RoughRays};
+pub use visible::{visible_share, visible_shift};
 
 use super::bow::Bow;
 use super::lanes::{floor, max, min};
@@ -37,14 +46,22 @@ use super::stack::{Exit, Stack};
 use super::wave::{Wave, WaveLanes};
 use crate::curve::Curve;
 use glam::{DMat3, DVec3, Vec3};
-use paths::Selected;
+use paths::{Faces, select, straight};
+use program::{Meet, Program, Target};
+use scatter::LEAST_COS;
+use tree::{Branch, Light, Node, Tree, measure};
 
 /// A pane with rough faces, and the paths that the tracer follows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoughPane {
-    paths: [Vec<RoughPath>; 2],
-    /// The different roughnesses of its faces: where they are clean, and under smudges.
-    alphas: Vec<[f32; 2]>,
+    /// The paths of all orders.
+    program: Program,
+    /// The straight path through smooth faces, which T follows if the faces are no parallel planes or spheres.
+    straight: Option<Program>,
+    /// Paths of each way: orders of the front, then of the back.
+    paths: Vec<Vec<Meeting>>,
+    /// Number of ways of the front.
+    of_front: usize,
     smudges: Option<SmudgeLanes>,
     /// Two directions that span the pane's plane at the pivot, and its normal, which points away from the lens.
     axes: [Vec3; 3],
@@ -55,12 +72,17 @@ pub struct RoughPane {
     wave: WaveLanes,
     has_waves: bool,
     has_wedges: bool,
-    /// The straight path through smooth faces, which T follows if the faces are no parallel planes or spheres.
-    straight: Option<RoughPath>,
     /// True if T follows the rays of t_0.
     shares_t_0: bool,
     /// True if the weights of the three colours differ.
     is_coloured: bool,
+}
+
+/// A branch of a meeting whose light joins the last orders, in the shares `division` of the front and of the back for each colour.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cut {
+    pub meetings: Vec<Meeting>,
+    pub division: [[f64; 3]; 2],
 }
 
 /// Pose and shape of a pane with rough faces.
@@ -85,6 +107,16 @@ impl RoughShape<'_> {
         self.wave.is_some() || self.turned.is_some()
     }
 
+    /// Returns the largest tangent of the angle between the normals of two faces, or of a face and the pane.
+    fn largest_slope(&self) -> f64 {
+        let waves = self.wave.map_or(0.0, Wave::largest_slope);
+        let turned = self.turned.into_iter().flatten().map(|turned| {
+            let normal = *turned * self.slab.normal;
+            normal.cross(self.slab.normal).length() / normal.dot(self.slab.normal)
+        });
+        waves + turned.fold(0.0, f64::max)
+    }
+
     /// Returns the axes of each of the faces in coordinates with the pane's `axes`.
     fn faces(&self, axes: [DVec3; 3], count: usize) -> Vec<[Vec3; 3]> {
         let pane = DMat3::from_cols(axes[0], axes[1], axes[2]);
@@ -97,26 +129,20 @@ impl RoughShape<'_> {
     }
 }
 
-/// A path, ready for tracing.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct RoughPath {
-    steps: Vec<Step>,
-    meetings: Vec<Meeting>,
-    is_front: bool,
-    /// Product of the shares of coated faces, for each colour.
-    coated: Coated,
-    absorbs: bool,
-}
-
 /// The way to a face, and the meeting with it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 struct Step {
-    /// Number of the face's roughness in [`RoughPane::alphas`].
-    roughness: usize,
+    face: usize,
+    /// Roughness of the face where it is clean, and under smudges.
+    alphas: [f32; 2],
+    is_rough: bool,
     /// Indices of refraction before and behind the face, as the light travels.
     ior: [f32; 2],
-    reflects: bool,
     is_coated: bool,
+    /// Transmittance and reflectance of a coated face.
+    coatings: [Option<Coated>; 2],
+    /// 1 for light that travels away from the camera before the face, else -1.
+    inward_sign: f32,
     /// Distance along the normal from the face before it, m; positive away from the lens. Unused at the first step.
     travel_m: f32,
     /// Origin and axes of the face, in those of the pane; the last axis is its normal. Waves add to it.
@@ -126,9 +152,10 @@ struct Step {
     constant_m: f32,
     /// Absorption coefficients of the layer crossed on the way, per metre.
     absorption_per_m: [f32; 3],
+    absorbs: bool,
 }
 
-/// The product of the shares of a path's coated faces, as a function of the cosine of the camera ray's incidence: facets change
+/// A share of a coated face as a function of the cosine of the camera ray's incidence: facets change
 /// Fresnel's shares, but not those of coatings.
 #[derive(Clone, Debug, PartialEq)]
 struct Coated {
@@ -140,29 +167,19 @@ impl Coated {
     /// Steps of the cosine. Linear interpolation between them is exact to some 1e-5 for a coating with rows every ten degrees.
     const STEPS: u32 = 256;
 
-    fn new(shares: &[&Curve]) -> Self {
-        let at = |cos: f64| {
-            let mut product = [1.0; 3];
-            for share in shares {
-                let share = share.at(cos);
-                (0..3).for_each(|c| product[c] *= share[c]);
-            }
-            product.map(|share| share as f32)
-        };
-        let is_constant = shares.iter().all(|share| share.is_constant());
-        let steps = if is_constant { 0 } else { Self::STEPS };
+    fn new(share: &Curve) -> Self {
+        let at = |cos: f64| share.at(cos).map(|share| share as f32);
+        let steps = if share.is_constant() { 0 } else { Self::STEPS };
         let rows = (0..=steps).map(|i| at(f64::from(i) / f64::from(Self::STEPS))).collect();
         Self { rows }
-    }
-
-    /// Returns the shares, if they are equal at all angles.
-    fn constant(&self) -> Option<[f32; 3]> {
-        (self.rows.len() == 1).then(|| self.rows[0])
     }
 
     /// Returns the share of a colour.
     #[inline(always)]
     fn at(&self, colour: usize, cos: f32) -> f32 {
+        if self.rows.len() == 1 {
+            return self.rows[0][colour];
+        }
         let (whole, index) = floor(min(max(cos, 0.0), 1.0) * Self::STEPS as f32);
         let index = (index as usize).min(self.rows.len() - 2);
         let [from, to] = [self.rows[index][colour], self.rows[index + 1][colour]];
@@ -179,60 +196,56 @@ impl RoughPane {
         stack: &Stack,
         alphas: &[f64],
         shape: RoughShape<'_>,
-        cosines: [f64; 2],
+        between: [f64; 2],
         max_radiance: [f64; 2],
         tolerance: f64,
     ) -> (Self, OrderPlan) {
         assert!(alphas.len() == stack.coatings().len(), "every face has a roughness");
-        let mut of_faces: Vec<[f64; 2]> = alphas.iter().map(|alpha| [*alpha; 2]).collect();
-        if let Some(smudges) = shape.smudges {
-            of_faces[0][1] = smudges.smear().roughness;
-        }
-        let largest: Vec<f64> =
-            of_faces.iter().map(|[clean, smeared]| clean.max(*smeared)).collect();
-        let sides = paths::select(stack, &largest, cosines, max_radiance, tolerance);
-        let weights = sides
-            .each_ref()
-            .map(|(paths, _)| paths.iter().map(|path| path.max_weight).collect::<Vec<f64>>());
-        let tails = sides.each_ref().map(|(_, left)| *left);
-        let plan = OrderPlan::of_weights(
-            weights.each_ref().map(Vec::as_slice),
-            tails,
-            max_radiance,
-            tolerance,
-        );
-        let curvature_per_m = shape.bow.map_or(0.0, |bow| bow.curvature_per_m);
-        let mut distinct: Vec<[f64; 2]> = vec![];
-        let mut number = |of_face: &[f64; 2]| {
-            let found = distinct.iter().position(|other| other == of_face);
-            found.unwrap_or_else(|| {
-                distinct.push(*of_face);
-                distinct.len() - 1
-            })
-        };
-        let numbers: Vec<usize> = of_faces.iter().map(&mut number).collect();
         let normal = shape.slab.normal;
         let across = (DVec3::X - normal * normal.x).normalize();
         let axes = [across, normal.cross(across), normal];
+        let curvature_per_m = shape.bow.map_or(0.0, |bow| bow.curvature_per_m);
+        // A flat ray in a bent pane misses the inner sphere, and one before turned faces may leave the next face behind.
+        let miss_cos = (2.0 * stack.thickness_m() * curvature_per_m.abs()).sqrt();
+        let least_cos = miss_cos.max(shape.largest_slope()).max(f64::from(LEAST_COS));
+        let mut smeared = alphas.to_vec();
+        if let Some(smudges) = shape.smudges {
+            smeared[0] = smudges.smear().roughness;
+        }
+        let largest: Vec<f64> =
+            alphas.iter().zip(&smeared).map(|(clean, smeared)| clean.max(*smeared)).collect();
+        let faces = |alphas| Faces { stack, alphas, least_cos };
+        let selection = select(&faces(&largest), between, max_radiance, tolerance);
+        let of_front = selection.sides[0].len();
+        let count = of_front + selection.sides[1].len();
+        let tree = Tree::new(&selection.sides);
+        let last = [(0, of_front), (of_front, count)].map(|(from, to)| (to > from).then(|| to - 1));
+        let mut light = measure(&faces(alphas), &tree, (count, last), between);
+        if smeared != alphas {
+            light = light.or(measure(&faces(&smeared), &tree, (count, last), between));
+        }
+        let plan = plan(&light, (of_front, selection.was_bounded), max_radiance, tolerance);
+        let of_faces: Vec<[f64; 2]> =
+            alphas.iter().zip(&smeared).map(|(clean, smeared)| [*clean, *smeared]).collect();
         let faces = shape.faces(axes, alphas.len());
+        let maker = StepMaker { stack, curvature_per_m, faces: &faces };
         let is_smooth = alphas.iter().all(|alpha| *alpha == 0.0) && shape.smudges.is_none();
         let straight = shape.is_free().then(|| {
-            let smooth = vec![number(&[0.0; 2]); alphas.len()];
-            let path = Selected::straight(alphas.len());
-            RoughPath::new(stack, &smooth, (curvature_per_m, &faces), &path)
+            let meetings = straight(alphas.len());
+            let smooth = vec![[0.0; 2]; alphas.len()];
+            maker.chain(&smooth, &meetings, count)
         });
-        let prepare =
-            |path: &Selected| RoughPath::new(stack, &numbers, (curvature_per_m, &faces), path);
         let pane = Self {
-            paths: [0, 1].map(|side: usize| sides[side].0.iter().map(prepare).collect()),
-            alphas: distinct.iter().map(|alphas| alphas.map(|alpha| alpha as f32)).collect(),
+            program: maker.program(&of_faces, &tree, &light, (of_front, last)),
+            shares_t_0: straight.is_some() && is_smooth,
+            straight,
+            paths: selection.sides.into_iter().flatten().map(|path| path.meetings).collect(),
+            of_front,
             smudges: shape.smudges.map(|smudges| smudges.lanes([axes[0], axes[1]])),
             axes: axes.map(DVec3::as_vec3),
             wave: shape.wave.map_or_else(WaveLanes::default, |wave| wave.lanes(axes)),
             has_waves: shape.wave.is_some(),
             has_wedges: shape.turned.is_some(),
-            shares_t_0: straight.is_some() && is_smooth,
-            straight,
             distance_m: shape.distance_m as f32,
             curvature_per_m: curvature_per_m as f32,
             is_coloured: stack.is_coloured(),
@@ -242,12 +255,35 @@ impl RoughPane {
 
     /// Returns the faces that the path of an order meets; `index` is that of the order among the followed ones of its side.
     pub fn meetings(&self, order: Order, index: usize) -> &[Meeting] {
-        &self.path(order, index).meetings
+        &self.paths[self.way(order, index)]
     }
 
-    /// Returns the path of T, if it has one of its own.
-    pub(super) fn straight(&self) -> Option<&RoughPath> {
-        self.straight.as_ref()
+    /// Returns the branches of the paths whose light joins the last orders.
+    pub fn cuts(&self) -> Vec<Cut> {
+        let mut cuts = vec![];
+        let mut before: Vec<Vec<Meeting>> = vec![vec![]; self.program.meets.len()];
+        for (index, meet) in self.program.meets.iter().enumerate() {
+            for (reflects, target) in [false, true].into_iter().zip(&meet.branches) {
+                let inward = meet.step.inward_sign > 0.0;
+                let mut meetings = before[index].clone();
+                meetings.push(Meeting { face: meet.step.face, inward, reflects });
+                match target {
+                    Target::To(next) => before[*next] = meetings,
+                    Target::Cut(division) => {
+                        let division = division.map(|of| of.map(f64::from));
+                        cuts.push(Cut { meetings, division });
+                    }
+                    Target::Leaf { .. } | Target::Nothing => {}
+                }
+            }
+        }
+        cuts
+    }
+
+    /// Returns the way of T, if it has one of its own.
+    pub(super) fn straight(&self) -> Option<usize> {
+        let way = if self.shares_t_0 { 0 } else { self.paths.len() };
+        self.straight.is_some().then_some(way)
     }
 
     /// True if T follows the rays of t_0.
@@ -255,49 +291,125 @@ impl RoughPane {
         self.shares_t_0
     }
 
-    /// Returns the path of an order that the tracer follows.
-    pub(super) fn path(&self, order: Order, index: usize) -> &RoughPath {
-        &self.paths[usize::from(matches!(order, Order::Reflected(_)))][index]
+    /// Returns the way of an order that the tracer follows.
+    pub(super) fn way(&self, order: Order, index: usize) -> usize {
+        let is_back = matches!(order, Order::Reflected(_));
+        index + if is_back { self.of_front } else { 0 }
+    }
+
+    /// Returns the number of ways: those of the orders, and that of T.
+    pub(super) fn ways(&self) -> usize {
+        self.paths.len() + 1
+    }
+
+    /// Returns the programs of the orders and of T.
+    fn programs(&self) -> impl Iterator<Item = &Program> {
+        let straight = self.straight.as_ref().filter(|_| !self.shares_t_0);
+        std::iter::once(&self.program).chain(straight)
     }
 }
 
-impl RoughPath {
-    /// Prepares a path. `numbers` are those of the faces' roughnesses.
-    fn new(
-        stack: &Stack,
-        numbers: &[usize],
-        (curvature_per_m, faces): (f64, &[[Vec3; 3]]),
-        path: &Selected,
-    ) -> Self {
-        let (mut coated, mut before) = (vec![], 0);
-        let mut steps = vec![];
-        for (number, &Meeting { face, inward, reflects }) in path.meetings.iter().enumerate() {
-            let [near, far] = stack.iors(face);
-            let ior = if inward { [near, far] } else { [far, near] };
-            if let Some(coating) = &stack.coatings()[face] {
-                coated.push(coating.share(inward, reflects));
-            }
-            let [from_m, to_m] = [stack.depth_m(before), stack.depth_m(face)];
-            let crossed = (number > 0).then(|| &stack.layers()[before.min(face)]);
-            let of_sphere = |m: f64| 2.0 * m + curvature_per_m * m * m;
-            steps.push(Step {
-                roughness: numbers[face],
-                ior: ior.map(|ior| ior as f32),
-                reflects,
-                is_coated: stack.coatings()[face].is_some(),
-                travel_m: (to_m - from_m) as f32,
-                origin: Vec3::Z * to_m as f32,
-                axes: faces[face],
-                constant_m: (of_sphere(from_m) - of_sphere(to_m)) as f32,
-                absorption_per_m: crossed
-                    .map_or([0.0; 3], |layer| layer.absorption_per_m)
-                    .map(|a| a as f32),
-            });
-            before = face;
+/// Plans the orders of the paths, those of the front first.
+fn plan(
+    light: &Light,
+    (of_front, search_was_bounded): (usize, bool),
+    max_radiance: [f64; 2],
+    tolerance: f64,
+) -> OrderPlan {
+    let sides = |of: &[f64]| -> [Vec<(f64, f64)>; 2] {
+        let (front, back) = of.split_at(of_front);
+        [front.to_vec(), back.to_vec()].map(|side| side.into_iter().map(|w| (w, w)).collect())
+    };
+    let mut weights = sides(&light.max_weights);
+    let peaks = sides(&light.peaks);
+    for ((weights, peaks), dropped) in weights.iter_mut().zip(peaks).zip(light.dropped) {
+        for (weight, (peak, _)) in weights.iter_mut().zip(peaks) {
+            weight.1 = peak;
         }
-        let absorbs = steps.iter().any(|step| step.absorption_per_m != [0.0; 3]);
-        let is_front = path.exit == Exit::Transmitted;
-        let meetings = path.meetings.clone();
-        Self { steps, meetings, is_front, coated: Coated::new(&coated), absorbs }
+        // The last order carries the light of cuts, too.
+        weights.iter_mut().last().into_iter().for_each(|weight| weight.0 += dropped);
+    }
+    OrderPlan {
+        shadowed: light.shadowed * max_radiance[0].max(max_radiance[1]),
+        search_was_bounded,
+        ..OrderPlan::of_weights(&weights, light.dropped, max_radiance, tolerance)
+    }
+}
+
+/// Makes the steps of a pane's programs.
+struct StepMaker<'a> {
+    stack: &'a Stack,
+    curvature_per_m: f64,
+    faces: &'a [[Vec3; 3]],
+}
+
+impl StepMaker<'_> {
+    /// Prepares a tree. `last` are the ways that receive the light of cuts.
+    fn program(
+        &self,
+        alphas: &[[f64; 2]],
+        tree: &Tree,
+        light: &Light,
+        (of_front, last): (usize, [Option<usize>; 2]),
+    ) -> Program {
+        let target = |branch: &Branch| match *branch {
+            Branch::To(next) => Target::To(next),
+            Branch::Leaf(way) => Target::Leaf { way, is_front: way < of_front },
+            Branch::Cut(cut) => {
+                Target::Cut(light.divisions[cut].map(|division| division.map(|of| of as f32)))
+            }
+        };
+        let meet = |node: &Node| Meet {
+            step: self.step(alphas[node.face], node.face, node.inward, node.before),
+            depth: node.depth,
+            branches: node.branches.each_ref().map(target),
+        };
+        Program { meets: tree.nodes.iter().map(meet).collect(), last }
+    }
+
+    /// Prepares a single path along a way.
+    fn chain(&self, alphas: &[[f64; 2]], meetings: &[Meeting], way: usize) -> Program {
+        let mut before = None;
+        let meets = meetings.iter().enumerate().map(|(depth, meeting)| {
+            let step = self.step(alphas[meeting.face], meeting.face, meeting.inward, before);
+            before = Some(meeting.face);
+            let on = if depth + 1 == meetings.len() {
+                Target::Leaf { way, is_front: meeting.exit() == Exit::Transmitted }
+            } else {
+                Target::To(depth + 1)
+            };
+            let mut branches = [Target::Nothing, Target::Nothing];
+            branches[usize::from(meeting.reflects)] = on;
+            Meet { step, depth, branches }
+        });
+        Program { meets: meets.collect(), last: [None; 2] }
+    }
+
+    fn step(&self, alphas: [f64; 2], face: usize, inward: bool, before: Option<usize>) -> Step {
+        let stack = self.stack;
+        let [near, far] = stack.iors(face);
+        let ior = if inward { [near, far] } else { [far, near] };
+        let coating = stack.coatings()[face].as_ref();
+        let coatings = [false, true]
+            .map(|reflects| coating.map(|coating| Coated::new(coating.share(inward, reflects))));
+        let [from_m, to_m] = [before.unwrap_or(0), face].map(|face| stack.depth_m(face));
+        let crossed = before.map(|before| &stack.layers()[before.min(face)]);
+        let of_sphere = |m: f64| 2.0 * m + self.curvature_per_m * m * m;
+        let absorption_per_m = crossed.map_or([0.0; 3], |layer| layer.absorption_per_m);
+        Step {
+            face,
+            alphas: alphas.map(|alpha| alpha as f32),
+            is_rough: alphas != [0.0; 2],
+            ior: ior.map(|ior| ior as f32),
+            is_coated: coating.is_some(),
+            coatings,
+            inward_sign: if inward { 1.0 } else { -1.0 },
+            travel_m: (to_m - from_m) as f32,
+            origin: Vec3::Z * to_m as f32,
+            axes: self.faces[face],
+            constant_m: (of_sphere(from_m) - of_sphere(to_m)) as f32,
+            absorption_per_m: absorption_per_m.map(|a| a as f32),
+            absorbs: absorption_per_m != [0.0; 3],
+        }
     }
 }

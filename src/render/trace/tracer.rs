@@ -26,6 +26,7 @@ use super::means::{
 use super::mesh;
 use super::orders::FollowedOrder;
 use super::patch::Patch;
+use super::rough::RoughPane;
 use super::sampler::BLOCK;
 use super::scene::{Scene, Surface};
 use super::slab::Order;
@@ -47,6 +48,8 @@ pub(super) struct Tracer<'a, const ISA: u8> {
     sums: Vec<LaneSums>,
     /// Sums of all blocks, in the same order.
     totals: Vec<LaneSums>,
+    /// Number of samples of the current chunk along each way through rough faces.
+    taken: Vec<usize>,
     /// Components of the newest patch's pixels.
     components: Box<[Components; LANES]>,
     paths: PerLayer<u64>,
@@ -68,6 +71,17 @@ struct Counts {
     clean: u32,
 }
 
+impl Counts {
+    /// Returns the number of samples of an order in a chunk that are in the first quarter, in the first half and in all of its samples.
+    /// `before` is the first sample of the chunk's block, and `first` its own.
+    #[inline(always)]
+    fn ends(self, followed: &FollowedOrder, [before, first]: [u32; 2]) -> [usize; 3] {
+        let of_block = followed.samples_of_block(self.block);
+        let within = |end: u32| end.saturating_sub(first - before).min(CHUNK as u32) as usize;
+        ends_in_block(of_block, before / self.block, self.all / self.block).map(within)
+    }
+}
+
 impl<'a, const ISA: u8> Tracer<'a, ISA> {
     pub(super) fn new(scene: &'a Scene) -> Self {
         let sums = scene.orders.front.len() + scene.orders.back.len() + 2;
@@ -78,6 +92,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
             spans: Spans::new(scene, sums),
             sums: vec![NO_SUMS; sums],
             totals: vec![NO_SUMS; sums],
+            taken: vec![0; scene.rough.as_ref().map_or(0, RoughPane::ways)],
             components: Box::new([Components::default(); LANES]),
             paths: PerLayer::default(),
             misses: PerLayer::default(),
@@ -156,21 +171,33 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
     ) {
         let scene = self.scene;
         let orders = &scene.orders;
-        let (block, blocks) = (counts.block, counts.all / counts.block);
+        let blocks = counts.all / counts.block;
         // T needs only the first order of the front, t_0.
         let of_front = match (wanted.front, wanted.bare) {
             (true, _) => orders.front.len(),
             (false, bare) => usize::from(bare),
         };
         let of_back = orders.back.len() * usize::from(wanted.back);
+        let number = |k: usize| match k.checked_sub(of_front) {
+            None => (&orders.front[k], k),
+            Some(k) => (&orders.back[k], orders.front.len() + k),
+        };
+        let ends_of = |followed: &FollowedOrder| counts.ends(followed, [before, first]);
+        if let Some(pane) = &scene.rough {
+            let mut taken = std::mem::take(&mut self.taken);
+            taken.fill(0);
+            for (followed, way) in (0..of_front + of_back).map(number) {
+                taken[way] = ends_of(followed)[2];
+            }
+            if let (Some(way), true) = (pane.straight(), wanted.bare) {
+                taken[way] = ends_of(&orders.front[0])[2];
+            }
+            self.camera.scatter(scene, pane, &place.patch, &taken, Isa::numbered(ISA));
+            self.taken = taken;
+        }
         for k in 0..of_front + of_back {
-            let (followed, sums) = match k.checked_sub(of_front) {
-                None => (&orders.front[k], k),
-                Some(k) => (&orders.back[k], orders.front.len() + k),
-            };
-            let of_block = followed.samples_of_block(block);
-            let within = |end: u32| end.saturating_sub(first - before).min(CHUNK as u32) as usize;
-            let ends = ends_in_block(of_block, before / block, blocks).map(within);
+            let (followed, sums) = number(k);
+            let (of_block, ends) = (followed.samples_of_block(counts.block), ends_of(followed));
             let feeds = match followed.order {
                 // T sees through the smooth pane.
                 Order::Transmitted(0)
@@ -178,7 +205,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
                 {
                     if wanted.bare {
                         let path = smooth_path_of(scene, followed.order, 0);
-                        let path = (path, Some(followed.order), Feeds::Bare);
+                        let path = (path, Some(followed), Feeds::Bare);
                         self.follow(place, path, sums, of_block * blocks, ends);
                     }
                     if !wanted.front {
@@ -192,7 +219,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
                 _ => Feeds::Order,
             };
             let index = k.checked_sub(of_front).unwrap_or(k);
-            let path = (path_of(scene, followed.order, index), Some(followed.order), feeds);
+            let path = (path_of(scene, followed.order, index), Some(followed), feeds);
             self.follow(place, path, sums, of_block * blocks, ends);
         }
     }
@@ -203,7 +230,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
     fn follow(
         &mut self,
         place: &Place,
-        (path, order, feeds): (Path<'_>, Option<Order>, Feeds),
+        (path, followed, feeds): (Path<'_>, Option<&FollowedOrder>, Feeds),
         sums: usize,
         samples: u32,
         ends: [usize; 3],
@@ -212,6 +239,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
             return;
         }
         let scene = self.scene;
+        let order = followed.map(|followed| followed.order);
         let is_hidden = match order {
             Some(Order::Transmitted(0)) => false,
             Some(_) => !self.camera.entries.any_glass,
@@ -221,10 +249,6 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
             self.count_paths(place, order, feeds, ends[2], &[0; LANES]);
             return;
         }
-        if let (Path::Rough(path), Some(pane)) = (path, &scene.rough) {
-            let isa = Isa::numbered(ISA);
-            self.camera.scatter(scene, (pane, path), &place.patch, ends[2], isa);
-        }
         let side = usize::from(!matches!(order, Some(Order::Transmitted(_))));
         let bundle = Bundle {
             patch: &place.patch,
@@ -233,6 +257,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
             samples,
             path,
             order,
+            carries_dropped: followed.is_some_and(|followed| followed.carries_dropped),
             feeds,
             ends,
         };

@@ -1,6 +1,6 @@
 //! Traces a bundle of one order against a mesh, with the same weights as against a grid.
 
-use super::super::bundle::Bundle;
+use super::super::bundle::{Bundle, Feeds, weights_with_dropped};
 use super::super::isa::Isa;
 use super::super::lanes::{CHUNK, LANES};
 use super::super::lines::Path;
@@ -59,7 +59,7 @@ fn follow_lanes(
     sums: &mut LaneSums,
     transmission: &mut LaneSums,
 ) -> [u32; LANES] {
-    let &Bundle { camera, order, ends: [quarter, half, count], .. } = bundle;
+    let &Bundle { camera, order, feeds, ends: [quarter, half, count], .. } = bundle;
     let normal = scene.slab.normal.as_vec3().to_array();
     // The rays of one pixel lie closer together than those of sixteen, so that they meet fewer boxes. A pixel with sixteen
     // samples therefore has its own group of rays.
@@ -110,8 +110,10 @@ fn follow_lanes(
             misses[l] += u32::from(seen[group].w[lane] == 0.0 && through > 0.0);
             for k in 0..3 {
                 let radiance = f64::from(seen[group].radiance[lane][k] * through + added[k]);
-                sums[part][l][k] += radiance * f64::from(weight[k][l]);
-                if order == Some(Order::Transmitted(0)) {
+                if feeds != Feeds::Bare {
+                    sums[part][l][k] += radiance * f64::from(weight[k][l]);
+                }
+                if feeds != Feeds::Order {
                     transmission[part][l][k] += radiance;
                 }
             }
@@ -124,7 +126,7 @@ fn follow_lanes(
 #[inline(always)]
 fn colour_weights(
     scene: &Scene,
-    &Bundle { camera, path, .. }: &Bundle,
+    &Bundle { camera, path, carries_dropped, .. }: &Bundle,
     order: Order,
     s: usize,
 ) -> [[f32; LANES]; 3] {
@@ -132,13 +134,16 @@ fn colour_weights(
         let colours: [[f32; 4]; LANES] = std::array::from_fn(|l| table.colours(camera, s, l));
         return [0, 1, 2].map(|c| colours.map(|colour| colour[c]));
     }
-    if let Path::Rough(_) = path {
-        let weight = &camera.rough.weight;
+    if let Path::Rough(way) = path {
+        let weight = camera.rough.weights(way);
         return if camera.rough.is_coloured {
             [weight[0][s], weight[1][s], weight[2][s]]
         } else {
             [weight[0][s]; 3]
         };
+    }
+    if carries_dropped {
+        return weights_with_dropped(scene, camera, order, s);
     }
     let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
     let (weight, inverse_cos_t) = if scene.bow.is_some() {

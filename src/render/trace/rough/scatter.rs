@@ -2,60 +2,67 @@
 
 use super::super::bent::dot;
 use super::super::lanes::max;
-use super::Step;
 use glam::Vec3;
 
 /// Least cosine of a direction's angle to the normal of a face, and to the optical axis. Flatter rays would leave the
 /// range of the numbers.
 pub(super) const LEAST_COS: f32 = 1.0e-4;
 
-/// Reflects or refracts a ray with unit direction `d`, in coordinates with the face's normal as z, at a facet with the normal (x, y, 1)
-/// and the inverse of its length. Returns the new direction, and the factors of the weights for s and p.
+/// Light that leaves a facet on one side.
+#[derive(Clone, Copy)]
+pub(super) struct Scattered {
+    pub(super) direction: Vec3,
+    /// Fresnel's share for s and p; 0 where the light does not leave.
+    pub(super) shares: [f32; 2],
+    /// True if the light leaves, on the right side of the face. What is totally reflected does not pass.
+    pub(super) leaves: bool,
+    /// Square of the tangent of the angle to the face's normal.
+    pub(super) tangent_2: f32,
+}
+
+/// Splits a ray with unit direction `d`, in coordinates with the face's normal as z, at a facet with the normal (x, y, 1): into the light
+/// that passes the facet and the light that it reflects. `ior` are the indices before and behind the face.
 #[inline(always)]
-pub(super) fn scatter<const REFLECTS: bool>(
-    step: &Step,
-    d: Vec3,
-    [x, y, inverse]: [f32; 3],
-) -> (Vec3, [f32; 2]) {
-    let [before, behind] = step.ior;
+pub(super) fn split([before, behind]: [f32; 2], d: Vec3, [x, y]: [f32; 2]) -> [Scattered; 2] {
     let eta = before / behind;
+    let inverse = 1.0 / (1.0 + (x * x + y * y)).sqrt();
     let to_facet = d.x * x + d.y * y + d.z;
     let cos = to_facet.abs() * inverse;
     // n_1 sin_1 = n_2 sin_2; beyond total reflection, nothing is transmitted.
     let cos_t = max(1.0 - eta * eta * (1.0 - cos * cos), 0.0).sqrt();
     let along_facet = to_facet * inverse * inverse;
-    let (out, straight) = if REFLECTS {
-        let turn = -2.0 * along_facet;
-        (Vec3::new(d.x + turn * x, d.y + turn * y, d.z + turn), Vec3::new(d.x, d.y, -d.z))
-    } else {
-        let turn = cos_t.copysign(to_facet) * inverse - eta * along_facet;
-        (Vec3::new(eta * d.x + turn * x, eta * d.y + turn * y, eta * d.z + turn), d)
-    };
-    // The facet faces the light, and the light leaves on the right side of the face.
-    let shape = to_facet / d.z;
-    let leaves = out.z * straight.z.signum();
-    let is_possible = shape > 0.0 && leaves > LEAST_COS;
-    let shape = if is_possible { shape } else { 0.0 };
+    let bend = cos_t.copysign(to_facet) * inverse - eta * along_facet;
+    let turn = -2.0 * along_facet;
+    let refracted = Vec3::new(eta * d.x + bend * x, eta * d.y + bend * y, eta * d.z + bend);
+    let mirrored = Vec3::new(d.x + turn * x, d.y + turn * y, d.z + turn);
     // Amplitudes are differences over sums, for s and for p.
     let (s_1, s_2) = (before * cos, behind * cos_t);
     let (p_1, p_2) = (behind * cos, before * cos_t);
     let both = 1.0 / ((s_1 + s_2) * (p_1 + p_2));
-    let share = |a: f32, b: f32, inverse: f32| {
-        let share = if REFLECTS {
-            let amplitude = (a - b) * inverse;
-            amplitude * amplitude
-        } else {
-            4.0 * a * b * inverse * inverse
-        };
-        if step.is_coated { shape } else { share * shape }
+    let of = |a: f32, b: f32, inverse: f32| {
+        let amplitude = (a - b) * inverse;
+        [4.0 * a * b * inverse * inverse, amplitude * amplitude]
     };
-    let shares = [share(s_1, s_2, both * (p_1 + p_2)), share(p_1, p_2, both * (s_1 + s_2))];
-    let out = Vec3::new(
-        if is_possible { out.x } else { straight.x },
-        if is_possible { out.y } else { straight.y },
-        if is_possible { out.z } else { straight.z },
-    );
-    (out, shares)
+    let [s, p] = [of(s_1, s_2, both * (p_1 + p_2)), of(p_1, p_2, both * (s_1 + s_2))];
+    // The facet faces the light.
+    let is_lit = to_facet * d.z > 0.0;
+    let leave = |out: Vec3, straight: Vec3, shares: [f32; 2], is_total: bool| {
+        let along = out.z * straight.z.signum();
+        let is_possible = is_lit && !is_total && along > LEAST_COS;
+        let kept = |share: f32| if is_possible { share } else { 0.0 };
+        let direction = Vec3::new(
+            if is_possible { out.x } else { straight.x },
+            if is_possible { out.y } else { straight.y },
+            if is_possible { out.z } else { straight.z },
+        );
+        let across_2 = direction.x * direction.x + direction.y * direction.y;
+        let tangent_2 = across_2 / (direction.z * direction.z);
+        Scattered { direction, shares: shares.map(kept), leaves: is_possible, tangent_2 }
+    };
+    [
+        leave(refracted, d, [s[0], p[0]], cos_t == 0.0),
+        leave(mirrored, Vec3::new(d.x, d.y, -d.z), [s[1], p[1]], false),
+    ]
 }
 
 /// Returns a vector's coordinates in a frame of three unit vectors at right angles.

@@ -4,7 +4,7 @@
 //! strongest on until the sum of the others is below the tolerance, and the light of the others, known in closed form, joins the
 //! longest order that is followed.
 
-use super::super::orders::MAX_ORDERS;
+use super::super::orders::MOST_PATHS;
 use super::paths::Paths;
 use super::search::{Bounds, search};
 use super::{Exit, Stack, StackOrder};
@@ -126,9 +126,11 @@ fn keep(
     });
     let mut kept: Vec<Candidate> = vec![];
     for candidate in candidates {
-        let is_needed = largest(rest) * radiance >= tolerance.max(f64::MIN_POSITIVE);
+        let is_needed = MOST_PATHS.needs_more(kept.len(), largest(rest), radiance, tolerance);
         let is_t_0 = candidate.order == *straight;
-        if !is_t_0 && (!is_needed || kept.len() == MAX_ORDERS as usize) {
+        // The first order of a side receives the light of the others.
+        let is_only = kept.is_empty() && largest(rest) * radiance > 0.0;
+        if !is_t_0 && !is_only && !is_needed {
             break;
         }
         subtract(rest, &candidate.weights);

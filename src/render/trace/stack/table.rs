@@ -103,7 +103,8 @@ impl StackOptics {
                 is_coloured: stack.is_coloured(),
                 search_was_bounded,
             };
-            return (optics, plan(&selection, max_radiance, tolerance));
+            let plan = plan(&selection, max_radiance, tolerance);
+            return (optics, OrderPlan { search_was_bounded, ..plan });
         }
     }
 
@@ -241,12 +242,13 @@ fn tabulate(stack: &Stack, selection: &Selection, cosines: &[f64]) -> ([Vec<Stac
 
 /// Lists the selected orders. The orders of a side are counted from the shortest.
 fn plan(selection: &Selection, max_radiance: [f64; 2], tolerance: f64) -> OrderPlan {
-    let weights = selection
-        .kept
-        .each_ref()
-        .map(|side| side.iter().map(|candidate| largest(&candidate.weights)).collect::<Vec<f64>>());
-    let weights = weights.each_ref().map(Vec::as_slice);
-    OrderPlan::of_weights(weights, selection.dropped, max_radiance, tolerance)
+    let largest = |candidate: &Candidate| {
+        let weight = largest(&candidate.weights);
+        (weight, weight)
+    };
+    let weights =
+        selection.kept.each_ref().map(|side| side.iter().map(largest).collect::<Vec<_>>());
+    OrderPlan::of_weights(&weights, selection.dropped, max_radiance, tolerance)
 }
 
 #[cfg(test)]

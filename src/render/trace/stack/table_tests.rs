@@ -49,19 +49,19 @@ fn tables_equal_the_closed_form() {
                         let shift = f64::from(table.shifts(&camera, 0)[3]);
                         assert!((shift - table.shift_m(cos_i)).abs() < 3e-8);
                         let exit = [Exit::Transmitted, Exit::Reflected][side];
-                        let (_, weight) = exact
-                            .iter()
-                            .find(|(order, _)| {
-                                order.exit == exit && stack.crossed(order) == table.crossed
-                            })
-                            .unwrap();
+                        let same = |order: &StackOrder| {
+                            order.exit == exit && stack.crossed(order) == table.crossed
+                        };
+                        // A faint order may have no light at this angle.
+                        let weight = exact.iter().find(|(order, _)| same(order));
+                        let weight = weight.map_or([0.0; 3], |(_, weight)| weight[0]);
                         let found = table.colours(&camera, 0, 3).map(f64::from);
                         assert_eq!(f64::from(table.weights(&camera, 0)[3]), found[0]);
                         for c in 0..3 {
                             sum[c] += found[c];
                             // The last order has the light of the dropped ones, too.
                             if index + 1 < followed.len() {
-                                assert!((found[c] - weight[0][c]).abs() < 1e-6);
+                                assert!((found[c] - weight[c]).abs() < 1e-6);
                             }
                         }
                     }
@@ -83,11 +83,11 @@ fn orders_are_kept_by_the_tolerance_of_their_sum() {
     assert_eq!(plan.back[0].order, Order::Reflected(0));
     // One image for each face, and some of three reflections.
     assert!(plan.back.len() > 4 && plan.front.len() > 1);
-    assert!(plan.front_tail < 7.6e-5 && plan.back_tail < 7.6e-5);
+    assert!(plan.dropped[0] < 7.6e-5 && plan.dropped[1] < 7.6e-5);
     // A tolerance of half the light of all orders of two reflections drops them.
     let (optics, plan) = StackOptics::new(&stack, [0.9, 1.0], [1.0, 1.0], 0.02);
     assert_eq!((plan.front.len(), plan.back.len()), (1, 4));
-    assert!(plan.front_tail > 1e-3 && plan.front_tail < 0.02);
+    assert!(plan.dropped[0] > 1e-3 && plan.dropped[0] < 0.02);
     let shifts: Vec<f64> = optics.tables[1].iter().map(|table| table.shift_m(1.0)).collect();
     assert!(shifts.is_sorted_by(|a, b| a > b) && shifts[0] == 0.0, "{shifts:?}");
     // Without light, nothing but t_0 is followed.
