@@ -121,6 +121,8 @@ pub(crate) struct Case {
     pub(crate) tilt_deg: [f64; 2],
     pub(crate) apex: Apex,
     pub(crate) tolerance: f64,
+    /// False if all orders stay apart.
+    pub(crate) joins: bool,
     pub(crate) labels: LabelSet,
     pub(crate) front: Photo,
     pub(crate) back: Photo,
@@ -150,6 +152,7 @@ impl Case {
             tilt_deg: [0.0; 2],
             apex: Apex::Mirror,
             tolerance: 7.6e-5,
+            joins: true,
             labels: LabelSet::default(),
             front,
             back,
@@ -301,7 +304,7 @@ impl Case {
             orders = of_paths;
             pane
         });
-        Scene {
+        let mut scene = Scene {
             first_reflection_alone: false,
             target_error: None,
             layers: PerLayer([true; 4]),
@@ -328,7 +331,12 @@ impl Case {
             cover: self.covered.cover(self),
             front: front.into(),
             back: back.into(),
+        };
+        if self.joins {
+            // All surfaces are behind the pane, seen from the lens.
+            scene.join_orders(self.distance_m, radiance, self.tolerance);
         }
+        scene
     }
 
     /// Renders all pixels with all samples.

@@ -3,7 +3,7 @@
 use crate::bow::BentPane;
 use crate::case::{Apex, Case};
 use crate::cover::Place;
-use crate::optics::{Exit, Pane};
+use crate::optics::{Exit, Pane, mirrored};
 use crate::rough::RoughReference;
 use crate::sheet::Sheet;
 use glam::{DMat3, DVec3};
@@ -17,7 +17,7 @@ const GAUSS_LEGENDRE: [(f64, f64); 3] =
     [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
 
 /// The faces that a path meets, the pixel and the number of its sample.
-type Scattered<'a> = (&'a [Meeting], (&'a PixelSeed, u32));
+type Scattered<'a> = (&'a [&'a [Meeting]], (&'a PixelSeed, u32));
 
 /// Round trips after which the light of a single layer is negligible.
 const LAST_ROUND_TRIP: u32 = 60;
@@ -100,6 +100,24 @@ impl<'a> Reference<'a> {
         (pinhole.normalize(), lens, direction.normalize())
     }
 
+    /// Returns the radiance of a sample of I whose light `pane` lets choose its path at random.
+    pub(crate) fn walked(
+        &self,
+        pane: &RoughReference,
+        [x, y]: [u32; 2],
+        (seed, index): (&PixelSeed, u32),
+        choice: impl Fn(usize) -> f64,
+    ) -> [f64; 3] {
+        let (_, origin, d) = self.camera(x, y, sample(seed, index));
+        let Some((exit, is_front)) = pane.walk((seed, index), origin, d, choice) else {
+            return [0.0; 3];
+        };
+        let order = if is_front { Order::Transmitted(0) } else { Order::Reflected(0) };
+        let (radiance, weight) = self.after(order, exit);
+        let smear = pane.smear_factor((seed, index), origin, d, is_front);
+        [0, 1, 2].map(|c| radiance[c] * weight[c] * smear)
+    }
+
     /// Returns the radiance and the weight along an order, at the place where the ray meets the pane's plane. `rough` has the faces
     /// of its path, the pixel and the number of the sample; without it, the faces are smooth.
     fn behind_pane(
@@ -112,9 +130,11 @@ impl<'a> Reference<'a> {
         let covered = &self.case.covered;
         match (covered.place(self.case, origin, d), order) {
             (Place::Glass, _) => match (&self.rough, rough) {
-                (Some(pane), Some((meetings, of))) => {
-                    let exit = pane.follow(meetings, of, origin, d);
+                (Some(pane), Some((paths, of))) => {
+                    let follow = |path: &&[Meeting]| pane.follow(path, of, origin, d);
+                    let exits: Vec<Exit> = paths.iter().map(follow).collect();
                     let side = usize::from(matches!(order, Order::Reflected(_)));
+                    let exit = self.mean_line(&exits, side == 1);
                     let mut weight = exit.weight();
                     for cut in self.cuts.iter().filter(|_| carries_dropped) {
                         let light = pane.follow(&cut.meetings, of, origin, d).weight();
@@ -161,6 +181,39 @@ impl<'a> Reference<'a> {
             }
         }
         (radiance, weight)
+    }
+
+    /// Joins rays that have left the pane: all have their mean line, weighted by their light.
+    fn mean_line(&self, exits: &[Exit], is_reflected: bool) -> Exit {
+        if let [exit] = exits {
+            return Exit { ..*exit };
+        }
+        // The line meets the plane z = 0 in a world that reflected rays see mirrored.
+        let n = self.pane.normal;
+        let seen = |point: DVec3, direction: DVec3| {
+            if is_reflected {
+                let height_m = point.dot(n) - self.pane.distance_m;
+                (point - 2.0 * height_m * n, mirrored(direction, n))
+            } else {
+                (point, direction)
+            }
+        };
+        let mut share = [[0.0; 3]; 2];
+        let (mut all, mut point, mut direction) = (0.0, DVec3::ZERO, DVec3::ZERO);
+        for exit in exits {
+            let light: f64 = exit.weight().into_iter().sum();
+            let (at, d) = seen(exit.point, exit.direction);
+            let d = d / d.z;
+            (point, direction) = (point + light * (at - at.z * d), direction + light * d);
+            all += light;
+            (0..2).for_each(|q| (0..3).for_each(|c| share[q][c] += exit.share[q][c]));
+        }
+        let (point, direction) = if all > 0.0 {
+            seen(point / all, (direction / all).normalize())
+        } else {
+            (exits[0].point, exits[0].direction)
+        };
+        Exit { point, direction, share }
     }
 
     /// Returns the radiance along a ray that has left the pane, and its weight.
@@ -278,11 +331,11 @@ impl<'a> Reference<'a> {
         for (number, followed) in orders.front.iter().chain(&orders.back).enumerate() {
             let taken = samples_of(followed, spp);
             let index = number.checked_sub(orders.front.len()).unwrap_or(number);
-            let meetings = self.scene.rough.as_ref().map(|r| r.meetings(followed.order, index));
+            let paths = self.scene.rough.as_ref().map(|r| r.paths(followed.order, index));
             for s in (0..spp).filter(|s| s % 256 < taken.1) {
                 let (_, lens, d) = self.camera(x, y, sample(&seed, s));
                 let order = followed.order;
-                let scattered = meetings.map(|meetings| (meetings, (&seed, s)));
+                let scattered = paths.as_deref().map(|paths| (paths, (&seed, s)));
                 let of_order = (order, followed.carries_dropped);
                 let (radiance, weight) = self.behind_pane(of_order, lens, d, scattered);
                 add(&mut layers[0], radiance, weight, taken.0);

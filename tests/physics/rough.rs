@@ -47,6 +47,51 @@ impl RoughReference {
         })
     }
 
+    /// Returns the pane of any case; its faces are smooth if the case does not say otherwise.
+    pub(crate) fn of_any(case: &Case) -> Self {
+        let faces = case.layers().coatings().len();
+        let roughness = case.roughness.clone().unwrap_or_else(|| vec![0.0; faces]);
+        let case = Case { roughness: Some(roughness), ..case.clone() };
+        Self::new(&case).expect("faces with a roughness")
+    }
+
+    /// Follows sample `index` of a pixel until it leaves, and chooses at each face with the probability of the light whether it passes
+    /// or is reflected: `choice` has a random number for each meeting. Returns the exit and whether it is to the front; `None` if no
+    /// light is left.
+    pub(crate) fn walk(
+        &self,
+        of: (&PixelSeed, u32),
+        origin: DVec3,
+        d: DVec3,
+        choice: impl Fn(usize) -> f64,
+    ) -> Option<(Exit, bool)> {
+        let (mut meetings, mut scale) = (vec![], 1.0);
+        let (mut face, mut inward) = (0usize, true);
+        loop {
+            let ways = [false, true].map(|reflects| {
+                let all = [meetings.as_slice(), &[Meeting { face, inward, reflects }]].concat();
+                self.follow(&all, of, origin, d)
+            });
+            let light = ways.each_ref().map(|exit| exit.weight().into_iter().sum::<f64>());
+            let all = light[0] + light[1];
+            if all * scale < 1e-7 {
+                return None;
+            }
+            let reflects = choice(meetings.len()) * all < light[1];
+            scale *= all / light[usize::from(reflects)];
+            meetings.push(Meeting { face, inward, reflects });
+            inward = inward != reflects;
+            let next = if inward { face.checked_add(1) } else { face.checked_sub(1) };
+            let Some(next) = next.filter(|next| *next < self.alphas.len()) else {
+                let [passed, reflected] = ways;
+                let mut exit = if reflects { reflected } else { passed };
+                exit.share.as_flattened_mut().iter_mut().for_each(|share| *share *= scale);
+                return Some((exit, inward));
+            };
+            face = next;
+        }
+    }
+
     /// Returns the distance of a face from face 0, m.
     fn depth_m(&self, number: usize) -> f64 {
         self.layers[..number].iter().map(|layer| layer.thickness_m).sum()
@@ -184,7 +229,12 @@ impl RoughReference {
                 (refracted, r.map(|r| [1.0 - r; 3]))
             };
             let shares = match &self.coatings[number] {
-                Some(coating) if reflects => [coating.reflectance(inward).at(cos_i); 2],
+                Some(coating) if reflects => {
+                    // A facet that reflects totally keeps what the coating would let pass.
+                    let (r, t) = (coating.reflectance(inward), &coating.transmittance);
+                    let kept = |c: usize| if is_total { t.at(cos_i)[c] } else { 0.0 };
+                    [[0, 1, 2].map(|c| r.at(cos_i)[c] + kept(c)); 2]
+                }
                 Some(coating) => [coating.transmittance.at(cos_i); 2],
                 None => fresnel,
             };

@@ -4,7 +4,7 @@ use super::aspect::OtherAspect;
 use super::card::{back_cards, front_cards};
 use super::check_geometry::check_geometry;
 use super::error::AssembleError;
-use super::facts::{SceneFacts, Sides, SidesWith, order_facts};
+use super::facts::{SceneFacts, Sides, SidesWith};
 use super::far::far_median_m;
 use super::geometry::{
     BackCamera, bow, cosines_between, film_directions, film_plane, film_reach, layers, outline,
@@ -52,12 +52,10 @@ pub fn assemble_decoded(
     let front = front.place("front", |x| x, lateral_m)?;
     let back = back.place("back", back_camera.lens_from_capture(), lateral_m)?;
     let focus_distance_m = focus_distance_m(line, &front, &back, &back_camera)?;
-    let lens = Lens {
-        aperture_radius_m: line.camera.aperture_radius_m,
-        inverse_focus_per_m: focus_distance_m.map_or(0.0, |z| 1.0 / z),
-    };
+    let lens = lens(line, focus_distance_m);
     check_geometry(line, lens.inverse_focus_per_m)?;
-    let negligible = Negligible::of(line, &lens, front.nearest_m().min(back.nearest_m()));
+    let nearest_m = front.nearest_m().min(back.nearest_m()).min(line.glass.distance_m);
+    let negligible = Negligible::of(line, &lens, nearest_m);
     let line = &*negligible.without(line);
 
     let film = film_plane(line);
@@ -94,13 +92,13 @@ pub fn assemble_decoded(
         front: near.share("front", &front, |p| p.dot(slab.normal))?,
         back: near.share("back", &back, |p| back_camera.height_m(p))?,
     };
-    let facts = SceneFacts {
+    let mut facts = SceneFacts {
         focus_distance_m,
-        orders: order_facts(&orders, line.film.spp),
-        dropped: Sides { front: orders.dropped[0], back: orders.dropped[1] },
-        shadowed: orders.shadowed,
+        orders: vec![],
+        dropped: Sides { front: 0.0, back: 0.0 },
+        shadowed: 0.0,
         negligible,
-        search_was_bounded: orders.search_was_bounded,
+        search_was_bounded: false,
         filled_share: Sides { front: front.filled_share(), back: back.filled_share() },
         relative_depth: SidesWith { front: front.relative(), back: back.relative() },
         too_near_share,
@@ -115,7 +113,7 @@ pub fn assemble_decoded(
     let reach_m = lens.aperture_radius_m + 40.0 * slab.thickness_m;
     let front = front_surface(front, reach_m)?;
     let back = back_surface(back, line, &slab, &back_camera, &directions, reach_m)?;
-    let scene = Scene {
+    let mut scene = Scene {
         seed: line.seed,
         sampling: Sampling::Sobol,
         spp: line.film.spp,
@@ -135,6 +133,8 @@ pub fn assemble_decoded(
         front,
         back,
     };
+    scene.join_orders(nearest_m, brightest, tolerance);
+    facts.state_orders(&scene.orders, scene.spp);
     Ok((scene, facts))
 }
 
@@ -173,6 +173,14 @@ fn rough_pane(
     let smooth = || has_paths.then(|| vec![0.0; layers.coatings().len()]);
     let alphas = roughness(line).or_else(smooth)?;
     Some(RoughPane::new(&layers, &alphas, shape, between, brightest, line.film.order_tolerance))
+}
+
+/// Makes the lens, with its focus distance, m; `None` is infinity.
+fn lens(line: &SceneLine, focus_distance_m: Option<f64>) -> Lens {
+    Lens {
+        aperture_radius_m: line.camera.aperture_radius_m,
+        inverse_focus_per_m: focus_distance_m.map_or(0.0, |z| 1.0 / z),
+    }
 }
 
 /// Returns the focus distance, m; `None` for infinity.

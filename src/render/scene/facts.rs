@@ -50,6 +50,14 @@ pub struct SceneFacts {
 }
 
 impl SceneFacts {
+    /// States the orders of a plan, with their numbers of samples out of `spp`.
+    pub(super) fn state_orders(&mut self, orders: &OrderPlan, spp: u32) {
+        self.orders = order_facts(orders, spp);
+        self.dropped = Sides { front: orders.dropped[0], back: orders.dropped[1] };
+        self.shadowed = orders.shadowed;
+        self.search_was_bounded = orders.search_was_bounded;
+    }
+
     /// Returns remarks on the scene's files.
     pub fn notes(&self) -> Vec<String> {
         let (far, aspect) = (&self.far_median_m, &self.other_aspect);
@@ -104,7 +112,7 @@ pub struct OrderFact {
 }
 
 /// Lists the orders of the plan, each with its number of samples out of `spp`.
-pub(super) fn order_facts(orders: &OrderPlan, spp: u32) -> Vec<OrderFact> {
+fn order_facts(orders: &OrderPlan, spp: u32) -> Vec<OrderFact> {
     let block = spp.min(BLOCK as u32);
     let all = orders.front.iter().chain(&orders.back);
     all.map(|followed| OrderFact {

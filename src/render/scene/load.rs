@@ -1,7 +1,6 @@
 //! Reads, decodes and assembles a scene's files. Decoding is pure.
 
 use super::cache::{PhotographCache, PhotographDigests};
-use super::facts::order_facts;
 use super::panorama::decode_panorama;
 use super::sketch;
 use super::smudges::{SmudgeMap, decode_map};
@@ -90,7 +89,7 @@ impl LoadedScene {
         (scene.seed, scene.spp) = (line.seed, line.film.spp);
         scene.layers = line.film.layers.asked();
         scene.labels = line.film.layers.labels();
-        self.facts.orders = order_facts(&scene.orders, scene.spp);
+        self.facts.state_orders(&scene.orders, scene.spp);
     }
 }
 

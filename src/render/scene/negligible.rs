@@ -35,7 +35,7 @@ pub struct Negligible {
 }
 
 impl Negligible {
-    /// Finds the negligible features of a line's pane, for surfaces at `nearest_m` or more from the lens.
+    /// Finds the negligible features of a line's pane, for the pane and surfaces at `nearest_m` or more from the lens.
     pub(super) fn of(line: &SceneLine, lens: &Lens, nearest_m: f64) -> Self {
         let film = unfiltered_film(line);
         let (slab, reach) = (slab(line), film_reach(&film, lens));
@@ -48,7 +48,6 @@ impl Negligible {
             .fold(1.0, f64::min)
             .max(1e-3);
         let stack = layers(line);
-        let nearest_m = nearest_m.min(line.glass.distance_m);
         let pane_m = slab.plane_distance_m / least_cos;
         let moves = |slope: f64, height_m: f64| {
             let turn = 2.0 * stack.largest_ior() * (REFLECTIONS + 1.0) * slope / least_cos;

@@ -40,11 +40,11 @@ const DIGESTS: &[(&str, &str)] = &[
     ("display-p3", "fc407955087b716b57633d3a7c58af1a3f6e66b1ca1da473c4fff8da82a736af"),
     ("double", "d091aec5da3f6bb069c1faffadac9e56ab23ce235d7a92cf47700f053d1a9a5c"),
     ("bent", "e2d9a8c69789b43dd7c77d40cf3151804ae53f190b49a64f650c0b50275d8557"),
-    ("rough", "d8cb44066be66ca1b6dcd188f8dd589d5304652978497db00bbb30af326d5d11"),
-    ("waved", "52c0982d9f1bd9cdfaf189b3014f2da8022046e0e41aa598a86258df71724d79"),
+    ("rough", "836281ff6967bb3b2c2adf94e95b27b4bb6dfcc4734d6930c47295eaec5955ae"),
+    ("waved", "2bebb49970e5d81817f1329cb2f667b8e647eda054bcdde0634fd0797d570042"),
     ("framed", "d3df85854581832b764fe26c91178f531d341575593c92724d36abaad78ce441"),
     ("framed-camera", "124b8f85146ebf692cdda8486ba16ff0a5c1e251fb41d247743d77ed55b62786"),
-    ("smudged", "e20c0137d634ad3796131a6c3a76d4bea657149a6d763140084fc6392c92e398"),
+    ("smudged", "ac60ecf7b480450241038b93a0a7b33bd6653ccfe96d48211b154820b67788e5"),
 ];
 
 /// Traces the golden scenes on this machine, which takes one thread tens of milliseconds. Returns one joint digest.

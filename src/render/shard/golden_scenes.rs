@@ -223,20 +223,18 @@ impl Parameters {
         let (wave, smudges) = (self.pane.wave(), self.pane.smudges());
         let alphas = [0.01, 0.02, 0.0, 0.01].map(|alpha| if wave.is_some() { 0.0 } else { alpha });
         let rough = layers.filter(|_| self.pane != Pane::Double).map(|layers| {
-            let wave = wave.as_ref();
             let turned = [
                 DMat3::IDENTITY,
                 DMat3::from_rotation_y(0.01),
                 DMat3::from_rotation_x(0.01),
                 DMat3::IDENTITY,
             ];
-            let turned = wave.is_some().then_some(turned.as_slice());
             let shape = RoughShape {
                 slab: &slab,
                 distance_m: 0.3,
                 bow: None,
-                wave,
-                turned,
+                wave: wave.as_ref(),
+                turned: wave.is_some().then_some(turned.as_slice()),
                 smudges: smudges.as_ref(),
             };
             let (pane, of_paths) =
@@ -244,7 +242,7 @@ impl Parameters {
             orders = of_paths;
             pane
         });
-        Scene {
+        let mut scene = Scene {
             seed: 2020,
             sampling: Sampling::Sobol,
             spp: self.spp,
@@ -266,7 +264,9 @@ impl Parameters {
             rough,
             front: front.into(),
             back: back.into(),
-        }
+        };
+        scene.join_orders(0.3, radiance, tolerance);
+        scene
     }
 
     /// Makes a view of plates of 8 x 8 depth pixels, at 0.9 to 10 m, with a texture of 48 x 40 texels.

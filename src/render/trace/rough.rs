@@ -24,7 +24,9 @@
 //! the last order of its side ([`tree`]).
 
 mod arrive;
+mod escape;
 mod facet;
+mod joined;
 mod meet;
 mod paths;
 mod program;
@@ -58,10 +60,11 @@ pub struct RoughPane {
     program: Program,
     /// The straight path through smooth faces, which T follows if the faces are no parallel planes or spheres.
     straight: Option<Program>,
-    /// Paths of each way: orders of the front, then of the back.
+    /// Paths of the front, then of the back, and the way of each.
     paths: Vec<Vec<Meeting>>,
-    /// Number of ways of the front.
-    of_front: usize,
+    joined: Joined,
+    light: Light,
+    search_was_bounded: bool,
     smudges: Option<SmudgeLanes>,
     /// Two directions that span the pane's plane at the pivot, and its normal, which points away from the lens.
     axes: [Vec3; 3],
@@ -76,6 +79,26 @@ pub struct RoughPane {
     shares_t_0: bool,
     /// True if the weights of the three colours differ.
     is_coloured: bool,
+}
+
+/// The ways of paths: orders of the front, then of the back.
+#[derive(Clone, Debug, PartialEq)]
+struct Joined {
+    /// Way of each path.
+    ways: Vec<usize>,
+    /// Number of ways of the front, and of both sides.
+    of_front: usize,
+    count: usize,
+    /// Bounds of the light that paths move to another line of the front and of the back, linear radiance.
+    moved: [f64; 2],
+}
+
+impl Joined {
+    /// Returns the last ways of the front and of the back.
+    fn last(&self) -> [Option<usize>; 2] {
+        [(0, self.of_front), (self.of_front, self.count)]
+            .map(|(from, to)| (to > from).then(|| to - 1))
+    }
 }
 
 /// A branch of a meeting whose light joins the last orders, in the shares `division` of the front and of the back for each colour.
@@ -207,7 +230,9 @@ impl RoughPane {
         let curvature_per_m = shape.bow.map_or(0.0, |bow| bow.curvature_per_m);
         // A flat ray in a bent pane misses the inner sphere, and one before turned faces may leave the next face behind.
         let miss_cos = (2.0 * stack.thickness_m() * curvature_per_m.abs()).sqrt();
-        let least_cos = miss_cos.max(shape.largest_slope()).max(f64::from(LEAST_COS));
+        let slope = shape.largest_slope();
+        let least_cos = miss_cos.max(slope).max(f64::from(LEAST_COS));
+        let between = [(between[0] - slope).max(least_cos), (between[1] + slope).min(1.0)];
         let mut smeared = alphas.to_vec();
         if let Some(smudges) = shape.smudges {
             smeared[0] = smudges.smear().roughness;
@@ -219,12 +244,10 @@ impl RoughPane {
         let of_front = selection.sides[0].len();
         let count = of_front + selection.sides[1].len();
         let tree = Tree::new(&selection.sides);
-        let last = [(0, of_front), (of_front, count)].map(|(from, to)| (to > from).then(|| to - 1));
-        let mut light = measure(&faces(alphas), &tree, (count, last), between);
+        let mut light = measure(&faces(alphas), &tree, count, between);
         if smeared != alphas {
-            light = light.or(measure(&faces(&smeared), &tree, (count, last), between));
+            light = light.or(measure(&faces(&smeared), &tree, count, between));
         }
-        let plan = plan(&light, (of_front, selection.was_bounded), max_radiance, tolerance);
         let of_faces: Vec<[f64; 2]> =
             alphas.iter().zip(&smeared).map(|(clean, smeared)| [*clean, *smeared]).collect();
         let faces = shape.faces(axes, alphas.len());
@@ -235,12 +258,15 @@ impl RoughPane {
             let smooth = vec![[0.0; 2]; alphas.len()];
             maker.chain(&smooth, &meetings, count)
         });
+        let joined = Joined { ways: (0..count).collect(), of_front, count, moved: [0.0; 2] };
         let pane = Self {
-            program: maker.program(&of_faces, &tree, &light, (of_front, last)),
+            program: maker.program(&of_faces, &tree, &light, &joined),
             shares_t_0: straight.is_some() && is_smooth,
             straight,
             paths: selection.sides.into_iter().flatten().map(|path| path.meetings).collect(),
-            of_front,
+            joined,
+            light,
+            search_was_bounded: selection.was_bounded,
             smudges: shape.smudges.map(|smudges| smudges.lanes([axes[0], axes[1]])),
             axes: axes.map(DVec3::as_vec3),
             wave: shape.wave.map_or_else(WaveLanes::default, |wave| wave.lanes(axes)),
@@ -250,12 +276,48 @@ impl RoughPane {
             curvature_per_m: curvature_per_m as f32,
             is_coloured: stack.is_coloured(),
         };
+        let plan = pane.plan(max_radiance, tolerance);
         (pane, plan)
     }
 
-    /// Returns the faces that the path of an order meets; `index` is that of the order among the followed ones of its side.
-    pub fn meetings(&self, order: Order, index: usize) -> &[Meeting] {
-        &self.paths[self.way(order, index)]
+    /// Plans the orders of the ways.
+    fn plan(&self, max_radiance: [f64; 2], tolerance: f64) -> OrderPlan {
+        let Light { max_weights, peaks, cut_peaks, dropped, shadowed, .. } = &self.light;
+        let mut ways = vec![(0.0, 0.0); self.joined.count];
+        for ((weight, peak), way) in max_weights.iter().zip(peaks).zip(&self.joined.ways) {
+            ways[*way].0 += weight;
+            ways[*way].1 += peak;
+        }
+        // The last order carries the light of cuts, too.
+        for (side, way) in self.joined.last().into_iter().enumerate() {
+            if let Some(way) = way {
+                ways[way].0 += dropped[side];
+                ways[way].1 += cut_peaks[side];
+            }
+        }
+        let (front, back) = ways.split_at(self.joined.of_front);
+        let sides = [front.to_vec(), back.to_vec()];
+        let mut plan = OrderPlan::of_weights(&sides, *dropped, max_radiance, tolerance);
+        (0..2).for_each(|side| plan.dropped[side] += self.joined.moved[side]);
+        plan.shadowed = shadowed * max_radiance[0].max(max_radiance[1]);
+        plan.search_was_bounded = self.search_was_bounded;
+        plan
+    }
+
+    /// Gives paths these ways in place of one for each.
+    fn join(&mut self, joined: Joined) {
+        self.program.renumber(&joined.ways, joined.last());
+        if let Some(straight) = &mut self.straight {
+            straight.renumber(&vec![joined.count; self.joined.count + 1], [None; 2]);
+        }
+        self.joined = joined;
+    }
+
+    /// Returns the faces that each path of an order meets; `index` is that of the order among the followed ones of its side.
+    pub fn paths(&self, order: Order, index: usize) -> Vec<&[Meeting]> {
+        let way = self.way(order, index);
+        let of = self.paths.iter().zip(&self.joined.ways).filter(|(_, of)| **of == way);
+        of.map(|(path, _)| path.as_slice()).collect()
     }
 
     /// Returns the branches of the paths whose light joins the last orders.
@@ -282,7 +344,7 @@ impl RoughPane {
 
     /// Returns the way of T, if it has one of its own.
     pub(super) fn straight(&self) -> Option<usize> {
-        let way = if self.shares_t_0 { 0 } else { self.paths.len() };
+        let way = if self.shares_t_0 { 0 } else { self.joined.count };
         self.straight.is_some().then_some(way)
     }
 
@@ -294,45 +356,18 @@ impl RoughPane {
     /// Returns the way of an order that the tracer follows.
     pub(super) fn way(&self, order: Order, index: usize) -> usize {
         let is_back = matches!(order, Order::Reflected(_));
-        index + if is_back { self.of_front } else { 0 }
+        index + if is_back { self.joined.of_front } else { 0 }
     }
 
     /// Returns the number of ways: those of the orders, and that of T.
     pub(super) fn ways(&self) -> usize {
-        self.paths.len() + 1
+        self.joined.count + 1
     }
 
     /// Returns the programs of the orders and of T.
     fn programs(&self) -> impl Iterator<Item = &Program> {
         let straight = self.straight.as_ref().filter(|_| !self.shares_t_0);
         std::iter::once(&self.program).chain(straight)
-    }
-}
-
-/// Plans the orders of the paths, those of the front first.
-fn plan(
-    light: &Light,
-    (of_front, search_was_bounded): (usize, bool),
-    max_radiance: [f64; 2],
-    tolerance: f64,
-) -> OrderPlan {
-    let sides = |of: &[f64]| -> [Vec<(f64, f64)>; 2] {
-        let (front, back) = of.split_at(of_front);
-        [front.to_vec(), back.to_vec()].map(|side| side.into_iter().map(|w| (w, w)).collect())
-    };
-    let mut weights = sides(&light.max_weights);
-    let peaks = sides(&light.peaks);
-    for ((weights, peaks), dropped) in weights.iter_mut().zip(peaks).zip(light.dropped) {
-        for (weight, (peak, _)) in weights.iter_mut().zip(peaks) {
-            weight.1 = peak;
-        }
-        // The last order carries the light of cuts, too.
-        weights.iter_mut().last().into_iter().for_each(|weight| weight.0 += dropped);
-    }
-    OrderPlan {
-        shadowed: light.shadowed * max_radiance[0].max(max_radiance[1]),
-        search_was_bounded,
-        ..OrderPlan::of_weights(&weights, light.dropped, max_radiance, tolerance)
     }
 }
 
@@ -344,17 +379,13 @@ struct StepMaker<'a> {
 }
 
 impl StepMaker<'_> {
-    /// Prepares a tree. `last` are the ways that receive the light of cuts.
-    fn program(
-        &self,
-        alphas: &[[f64; 2]],
-        tree: &Tree,
-        light: &Light,
-        (of_front, last): (usize, [Option<usize>; 2]),
-    ) -> Program {
+    /// Prepares a tree.
+    fn program(&self, alphas: &[[f64; 2]], tree: &Tree, light: &Light, joined: &Joined) -> Program {
         let target = |branch: &Branch| match *branch {
             Branch::To(next) => Target::To(next),
-            Branch::Leaf(way) => Target::Leaf { way, is_front: way < of_front },
+            Branch::Leaf(way) => {
+                Target::Leaf { way, is_front: way < joined.of_front, joins: false }
+            }
             Branch::Cut(cut) => {
                 Target::Cut(light.divisions[cut].map(|division| division.map(|of| of as f32)))
             }
@@ -364,7 +395,7 @@ impl StepMaker<'_> {
             depth: node.depth,
             branches: node.branches.each_ref().map(target),
         };
-        Program { meets: tree.nodes.iter().map(meet).collect(), last }
+        Program { meets: tree.nodes.iter().map(meet).collect(), last: joined.last() }
     }
 
     /// Prepares a single path along a way.
@@ -374,7 +405,8 @@ impl StepMaker<'_> {
             let step = self.step(alphas[meeting.face], meeting.face, meeting.inward, before);
             before = Some(meeting.face);
             let on = if depth + 1 == meetings.len() {
-                Target::Leaf { way, is_front: meeting.exit() == Exit::Transmitted }
+                let is_front = meeting.exit() == Exit::Transmitted;
+                Target::Leaf { way, is_front, joins: false }
             } else {
                 Target::To(depth + 1)
             };

@@ -9,6 +9,8 @@ pub(super) struct Leaving {
     pub(super) direction: DVec3,
     /// Fresnel's share for s and p.
     pub(super) fresnel: [f64; 2],
+    /// True if the facet reflects totally.
+    pub(super) is_total: bool,
     /// Share of this light that the facets of the face let pass; 0 on the wrong side of the face.
     pub(super) passes: f64,
 }
@@ -42,17 +44,18 @@ impl Face {
             [4.0 * a * b / square, (a - b) * (a - b) / square]
         };
         let [s, p] = [of(before * cos, behind * cos_t), of(behind * cos, before * cos_t)];
-        let leave = |out: DVec3, straight: DVec3, fresnel: [f64; 2], is_total: bool| {
+        let is_total = cos_t == 0.0;
+        let leave = |out: DVec3, straight: DVec3, fresnel: [f64; 2], is_possible: bool| {
             let along = out.z * straight.z.signum();
-            if cos <= 0.0 || is_total || along <= self.least_cos {
-                return Leaving { direction: straight, fresnel, passes: 0.0 };
+            if cos <= 0.0 || !is_possible || along <= self.least_cos {
+                return Leaving { direction: straight, fresnel, is_total, passes: 0.0 };
             }
             let b = self.alpha * (out.x * out.x + out.y * out.y).sqrt() / along;
-            Leaving { direction: out, fresnel, passes: visible::visible_share(b) }
+            Leaving { direction: out, fresnel, is_total, passes: visible::visible_share(b) }
         };
         [
-            leave(eta * d + (cos_t - eta * cos) * m, d, [s[0], p[0]], cos_t == 0.0),
-            leave(d - 2.0 * cos * m, DVec3::new(d.x, d.y, -d.z), [s[1], p[1]], false),
+            leave(eta * d + (cos_t - eta * cos) * m, d, [s[0], p[0]], !is_total),
+            leave(d - 2.0 * cos * m, DVec3::new(d.x, d.y, -d.z), [s[1], p[1]], true),
         ]
     }
 }

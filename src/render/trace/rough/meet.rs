@@ -15,7 +15,7 @@ pub(super) const WEDGES: u8 = 4;
 
 /// Sixteen rays at a meeting. Points are relative to the pivot. For a flat pane, all coordinates are those of its axes.
 #[derive(Clone, Copy)]
-pub(super) struct Light {
+pub(super) struct Beam {
     pub(super) point: [Lane; 3],
     pub(super) direction: [Lane; 3],
     /// Weights for s and p polarised light, without those of colours.
@@ -24,7 +24,7 @@ pub(super) struct Light {
     pub(super) tint: [Lane; 3],
 }
 
-impl Light {
+impl Beam {
     pub(super) const DARK: Self = Self {
         point: [[0.0; LANES]; 3],
         direction: [[0.0; LANES]; 3],
@@ -33,7 +33,7 @@ impl Light {
     };
 }
 
-impl Light {
+impl Beam {
     /// Moves the rays to a face (unless it is the `first`, where they are). Returns their ways, m; sets their directions in the
     /// face's coordinates, and the slopes of its waves. Rays that do not reach the face lose their light.
     #[inline(always)]
@@ -131,7 +131,7 @@ pub(super) fn visible_facets(along: &[Lane; 3], alpha: &Lane, [x, y]: [&Lane; 2]
 
 /// Takes the light that facets hide from rays that leave a face.
 #[inline(always)]
-pub(super) fn dim(light: &mut Light, alpha: &Lane, tangent_2: &Lane) {
+pub(super) fn dim(light: &mut Beam, alpha: &Lane, tangent_2: &Lane) {
     let mut steepest = 0.0;
     let mut square = [0.0; LANES];
     for l in 0..LANES {
@@ -151,7 +151,7 @@ pub(super) fn dim(light: &mut Light, alpha: &Lane, tangent_2: &Lane) {
 pub(super) fn leave_frame<const SHAPE: u8>(
     pane: &RoughPane,
     step: &Step,
-    light: &Light,
+    light: &Beam,
     slope: f32,
     mut d: Vec3,
     l: usize,

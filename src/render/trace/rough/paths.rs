@@ -101,7 +101,17 @@ impl Faces<'_> {
         let coating = self.stack.coatings()[face].as_ref();
         [false, true].map(|reflects| {
             let of = &leaving[usize::from(reflects)];
-            let coated = coating.map(|coating| coating.share(inward, reflects).at(cos_i));
+            // A facet that reflects totally keeps what the coating would let pass.
+            let coated = coating.map(|coating| {
+                let [passed, reflected] =
+                    [false, true].map(|reflects| coating.share(inward, reflects).at(cos_i));
+                match (reflects, of.is_total) {
+                    (false, true) => [0.0; 3],
+                    (false, false) => passed,
+                    (true, false) => reflected,
+                    (true, true) => [0, 1, 2].map(|c| reflected[c] + passed[c]),
+                }
+            });
             let meeting = Meeting { face, inward, reflects };
             let layer = meeting.next_face(self.stack.layers().len()).map(|next| {
                 let layer = &self.stack.layers()[next.min(face)];

@@ -8,7 +8,8 @@ pub(super) enum Target {
     /// To a later meeting.
     To(usize),
     /// Out of the pane, along a way.
-    Leaf { way: usize, is_front: bool },
+    /// If it `joins`, an earlier leaf has the way, too.
+    Leaf { way: usize, is_front: bool, joins: bool },
     /// To the last paths of the front and of the back, in these shares for each colour.
     Cut([[f32; 3]; 2]),
     /// Nowhere: no image needs the light.
@@ -34,6 +35,18 @@ pub(super) struct Program {
 }
 
 impl Program {
+    /// Gives each way a new number, which several may have in common; the last one of each side receives the light of cuts.
+    pub(super) fn renumber(&mut self, ways: &[usize], last: [Option<usize>; 2]) {
+        let mut is_taken = vec![false; ways.len()];
+        for target in self.meets.iter_mut().flat_map(|meet| &mut meet.branches) {
+            if let Target::Leaf { way, joins, .. } = target {
+                *way = ways[*way];
+                *joins = std::mem::replace(&mut is_taken[*way], true);
+            }
+        }
+        self.last = last;
+    }
+
     /// Computes the number of samples that each meeting serves, from those that each way takes.
     pub(super) fn serve(&self, taken: &[usize], served: &mut Vec<usize>) {
         let of_way = |way: &Option<usize>| way.map_or(0, |way| taken[way]);

@@ -6,7 +6,7 @@ use super::super::lanes::{CHUNK, LANES, Lane, exp_neg, max};
 use super::super::patch::Patch;
 use super::super::scene::Sampling;
 use super::RoughPane;
-use super::meet::{BENT, FLAT, Light, WAVES, WEDGES, dim, lane, leave_frame, visible_facets};
+use super::meet::{BENT, Beam, FLAT, WAVES, WEDGES, dim, lane, leave_frame, visible_facets};
 use super::program::{Meet, Program, Target};
 use super::scatter::{LEAST_COS, Scattered, from_frame, split, to_frame};
 
@@ -25,7 +25,7 @@ pub(in super::super) struct RoughRays {
     /// Rays by order: those of the front, of the back, and that of T.
     ways: Vec<Box<Way>>,
     /// The light at each meeting of the tree, for one sample.
-    light: Vec<Light>,
+    light: Vec<Beam>,
     /// Number of samples that a meeting serves.
     served: Vec<usize>,
     /// True if the weights of the three colours differ.
@@ -182,7 +182,7 @@ impl RoughRays {
             self.ways.push(Box::new(way));
         }
         let meetings = pane.programs().map(|program| program.meets.len()).max().unwrap_or(0);
-        self.light.resize(meetings.max(self.light.len()), Light::DARK);
+        self.light.resize(meetings.max(self.light.len()), Beam::DARK);
         if !self.has_arrived {
             self.arrive(pane, rays);
         }
@@ -205,7 +205,7 @@ impl RoughRays {
         }
         let most = served.first().copied().unwrap_or(0);
         for s in 0..most {
-            self.light[0] = Light {
+            self.light[0] = Beam {
                 point: [0, 1, 2].map(|k| self.arrival[k][s]),
                 direction: [3, 4, 5].map(|k| self.arrival[k][s]),
                 power: [[1.0; LANES]; 2],
@@ -246,10 +246,9 @@ impl RoughRays {
     fn add_dropped(&mut self, pane: &RoughPane, way: usize, dropped: &[Lane; 3], s: usize) {
         let way_of = &mut self.ways[way];
         for c in 0..if pane.is_coloured { 3 } else { 1 } {
-            let smear = pane
-                .smudges
-                .as_ref()
-                .map_or(1.0, |smudges| smudges.transmittance[usize::from(way >= pane.of_front)]);
+            let smear = pane.smudges.as_ref().map_or(1.0, |smudges| {
+                smudges.transmittance[usize::from(way >= pane.joined.of_front)]
+            });
             for l in 0..LANES {
                 let factor = if self.smeared[s][l] == 0.0 { 1.0 } else { smear };
                 way_of.weight[c][s][l] += dropped[c][l] * factor;
@@ -290,11 +289,12 @@ impl RoughRays {
             facet = visible_facets(&along, &alpha, [&x[s], &y[s]]);
         }
         let mut out = [light; 2];
-        let mut tangent_2 = [[0.0; LANES]; 2];
+        let (mut tangent_2, mut total) = ([[0.0; LANES]; 2], [0.0; LANES]);
         for l in 0..LANES {
             let d = lane(&along, l);
             let both = split(step.ior, d, [facet[0][l], facet[1][l]]);
-            for (branch, Scattered { direction, shares, leaves, tangent_2: of }) in
+            total[l] = f32::from(u8::from(both[0].is_total));
+            for (branch, Scattered { direction, shares, leaves, tangent_2: of, .. }) in
                 both.into_iter().enumerate()
             {
                 let direction = leave_frame::<SHAPE>(pane, step, &light, slope[l], direction, l);
@@ -314,18 +314,25 @@ impl RoughRays {
             if step.is_rough {
                 dim(out, &alpha, &tangent_2[branch]);
             }
-            if let Some(coating) = &step.coatings[branch] {
+            if let [Some(passed), Some(reflected)] = &step.coatings {
                 for c in 0..colours {
                     for l in 0..LANES {
-                        out.tint[c][l] *= coating.at(c, self.arrival[5][s][l]);
+                        let cos = self.arrival[5][s][l];
+                        // A facet that reflects totally keeps what the coating would let pass.
+                        out.tint[c][l] *= if branch == 0 {
+                            passed.at(c, cos)
+                        } else {
+                            reflected.at(c, cos) + total[l] * passed.at(c, cos)
+                        };
                     }
                 }
             }
             match *target {
                 Target::To(next) => self.light[next] = *out,
-                Target::Leaf { way, is_front } => {
+                Target::Leaf { way, is_front, joins } => {
                     if camera.taken[way] > s {
-                        self.leave::<SHAPE>(pane, (way, is_front), out, &camera.patch.center, s);
+                        let center = &camera.patch.center;
+                        self.leave::<SHAPE>(pane, (way, is_front, joins), out, center, s);
                     }
                 }
                 Target::Cut(ref division) => {
@@ -343,18 +350,43 @@ impl RoughRays {
         }
     }
 
-    /// Stores the rays of sample `s` after their last face.
+    /// Stores the rays of sample `s` after their last face. If they join others, both have the mean line, weighted by their light.
     #[inline(always)]
     fn leave<const SHAPE: u8>(
         &mut self,
         pane: &RoughPane,
-        (way, is_front): (usize, bool),
-        light: &Light,
+        (way, is_front, joins): (usize, bool, bool),
+        light: &Beam,
         center: &[Lane; 2],
         s: usize,
     ) {
         let smeared = &self.smeared[s];
         let way = &mut self.ways[way];
+        let colours = if pane.is_coloured { 3 } else { 1 };
+        let (mut weight, mut share) = ([[0.0; LANES]; 3], [1.0; LANES]);
+        for c in 0..colours {
+            for l in 0..LANES {
+                let power = 0.5 * (light.power[0][l] + light.power[1][l]);
+                weight[c][l] = power * light.tint[c][l];
+            }
+            if let Some(smudges) = &pane.smudges {
+                let transmittance = smudges.transmittance[usize::from(!is_front)];
+                for l in 0..LANES {
+                    weight[c][l] *= if smeared[l] == 0.0 { 1.0 } else { transmittance };
+                }
+            }
+        }
+        if joins {
+            for l in 0..LANES {
+                let (mut own, mut all) = (0.0, 0.0);
+                for c in 0..colours {
+                    own += weight[c][l];
+                    weight[c][l] += way.weight[c][s][l];
+                    all += weight[c][l];
+                }
+                share[l] = if all > 0.0 { own / all } else { 0.0 };
+            }
+        }
         // Reflected rays are mirrored in the plane of the pane.
         let sign = if is_front { 1.0 } else { -1.0 };
         for l in 0..LANES {
@@ -366,22 +398,24 @@ impl RoughRays {
             let (p, d) = (from_frame(pane.axes, p), from_frame(pane.axes, d));
             let inverse = 1.0 / max(d.z, LEAST_COS);
             let (dx, dy) = (d.x * inverse, d.y * inverse);
-            way.relative[0][s][l] = dx - center[0][l];
-            way.relative[1][s][l] = dy - center[1][l];
-            way.point[0][s][l] = p.x - dx * (p.z + pane.distance_m);
-            way.point[1][s][l] = p.y - dy * (p.z + pane.distance_m);
-        }
-        for c in 0..if pane.is_coloured { 3 } else { 1 } {
-            for l in 0..LANES {
-                let power = 0.5 * (light.power[0][l] + light.power[1][l]);
-                way.weight[c][s][l] = power * light.tint[c][l];
-            }
-            if let Some(smudges) = &pane.smudges {
-                let transmittance = smudges.transmittance[usize::from(!is_front)];
-                for l in 0..LANES {
-                    way.weight[c][s][l] *= if smeared[l] == 0.0 { 1.0 } else { transmittance };
+            let distance_m = p.z + pane.distance_m;
+            let line = [
+                dx - center[0][l],
+                dy - center[1][l],
+                p.x - dx * distance_m,
+                p.y - dy * distance_m,
+            ];
+            let [relative, point] = [&mut way.relative, &mut way.point];
+            for k in 0..2 {
+                for (lanes, of) in
+                    [(&mut relative[k][s][l], line[k]), (&mut point[k][s][l], line[2 + k])]
+                {
+                    *lanes = if joins { *lanes + (of - *lanes) * share[l] } else { of };
                 }
             }
+        }
+        for c in 0..colours {
+            way.weight[c][s] = weight[c];
         }
     }
 

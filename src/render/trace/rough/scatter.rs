@@ -16,6 +16,8 @@ pub(super) struct Scattered {
     pub(super) shares: [f32; 2],
     /// True if the light leaves, on the right side of the face. What is totally reflected does not pass.
     pub(super) leaves: bool,
+    /// True if the facet reflects totally.
+    pub(super) is_total: bool,
     /// Square of the tangent of the angle to the face's normal.
     pub(super) tangent_2: f32,
 }
@@ -46,9 +48,10 @@ pub(super) fn split([before, behind]: [f32; 2], d: Vec3, [x, y]: [f32; 2]) -> [S
     let [s, p] = [of(s_1, s_2, both * (p_1 + p_2)), of(p_1, p_2, both * (s_1 + s_2))];
     // The facet faces the light.
     let is_lit = to_facet * d.z > 0.0;
-    let leave = |out: Vec3, straight: Vec3, shares: [f32; 2], is_total: bool| {
+    let is_total = cos_t == 0.0;
+    let leave = |out: Vec3, straight: Vec3, shares: [f32; 2], passes: bool| {
         let along = out.z * straight.z.signum();
-        let is_possible = is_lit && !is_total && along > LEAST_COS;
+        let is_possible = is_lit && passes && along > LEAST_COS;
         let kept = |share: f32| if is_possible { share } else { 0.0 };
         let direction = Vec3::new(
             if is_possible { out.x } else { straight.x },
@@ -57,11 +60,12 @@ pub(super) fn split([before, behind]: [f32; 2], d: Vec3, [x, y]: [f32; 2]) -> [S
         );
         let across_2 = direction.x * direction.x + direction.y * direction.y;
         let tangent_2 = across_2 / (direction.z * direction.z);
-        Scattered { direction, shares: shares.map(kept), leaves: is_possible, tangent_2 }
+        let shares = shares.map(kept);
+        Scattered { direction, shares, leaves: is_possible, is_total, tangent_2 }
     };
     [
-        leave(refracted, d, [s[0], p[0]], cos_t == 0.0),
-        leave(mirrored, Vec3::new(d.x, d.y, -d.z), [s[1], p[1]], false),
+        leave(refracted, d, [s[0], p[0]], !is_total),
+        leave(mirrored, Vec3::new(d.x, d.y, -d.z), [s[1], p[1]], true),
     ]
 }
 

@@ -2,10 +2,10 @@
 //!
 //! A camera sample meets each face of the tree once for all paths through it, with one facet, which splits its light without
 //! loss or gain but for what facets hide. A branch of no selected path is *cut*: its light, which is known exactly, joins the last
-//! path of the side on which it leaves. How a cut's light divides between the sides is a mean over rays that go on at random in f64.
+//! path of the side on which it leaves ([`super::escape`]).
 
 use super::super::sampler::{PixelSeed, sample};
-use super::super::stack::Exit;
+use super::escape::Escaped;
 use super::facet::facet_at;
 use super::paths::{Faces, Meeting, Ray, Selected};
 
@@ -18,14 +18,10 @@ const BATCH: u32 = 64;
 const BATCHES: [u32; 2] = [2, 16];
 const PRECISION: f64 = 0.1;
 const ABSOLUTE: f64 = 2.0e-5;
-/// Number of standard errors that the bounds add to the means.
+/// Number of standard errors that the bounds add to the means, beside `PRECISION` of these for what lies between the angles.
 const CERTAINTY: f64 = 3.0;
-/// Every ray with this divisor goes on at random behind a cut.
-const WALKERS: usize = 8;
-/// Largest number of faces that such a ray meets; the light that it still has then counts as hidden.
-const MOST_WALKS: u32 = 400;
-/// Share of its light below which a ray behind a cut ends.
-const LEAST_POWER: f64 = 1.0e-6;
+/// Of the rays at a cut, those with this divisor tell how its light divides between the sides.
+const DIVIDING: usize = 4;
 
 /// Where a branch of a meeting leads.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,47 +60,55 @@ impl Tree {
         let paths: Vec<(usize, &[Meeting])> =
             sides.iter().flatten().map(|path| path.meetings.as_slice()).enumerate().collect();
         let mut tree = Self { nodes: vec![], cuts: 0 };
-        if !paths.is_empty() {
-            tree.grow(&paths, None);
+        // Paths of many meetings would overflow the stack of a recursive function.
+        let mut open = vec![(paths, None)];
+        while let Some((paths, from)) = open.pop() {
+            if let [(path, [])] = paths.as_slice() {
+                tree.link(from, Branch::Leaf(*path));
+            } else if paths.is_empty() {
+                tree.link(from, Branch::Cut(tree.cuts));
+                tree.cuts += usize::from(from.is_some());
+            } else {
+                let index = tree.add(paths[0].1[0], from);
+                for reflects in [true, false] {
+                    let of = paths.iter().filter(|(_, rest)| rest[0].reflects == reflects);
+                    let of = of.map(|(path, rest)| (*path, &rest[1..])).collect();
+                    open.push((of, Some((index, reflects))));
+                }
+            }
         }
         tree
     }
 
-    /// Adds the next meeting of these paths and all behind it. Returns its number.
-    fn grow(&mut self, paths: &[(usize, &[Meeting])], before: Option<(usize, usize)>) -> usize {
-        let Meeting { face, inward, .. } = paths[0].1[0];
-        let (before, depth) = before.map_or((None, 0), |(face, depth)| (Some(face), depth));
+    /// Adds a meeting behind a branch. Returns its number.
+    fn add(&mut self, meeting: Meeting, from: Option<(usize, bool)>) -> usize {
+        let Meeting { face, inward, .. } = meeting;
         let index = self.nodes.len();
-        let branches = [Branch::Cut(0); 2];
-        self.nodes.push(Node { face, inward, before, depth, branches });
-        for reflects in [false, true] {
-            let of: Vec<(usize, &[Meeting])> = paths
-                .iter()
-                .filter(|(_, rest)| rest[0].reflects == reflects)
-                .map(|(path, rest)| (*path, &rest[1..]))
-                .collect();
-            let branch = match of.as_slice() {
-                [] => {
-                    self.cuts += 1;
-                    Branch::Cut(self.cuts - 1)
-                }
-                [(path, [])] => Branch::Leaf(*path),
-                _ => Branch::To(self.grow(&of, Some((face, depth + 1)))),
-            };
-            self.nodes[index].branches[usize::from(reflects)] = branch;
-        }
+        self.link(from, Branch::To(index));
+        let (before, depth) = from.map_or((None, 0), |(node, _)| {
+            let node = &self.nodes[node];
+            (Some(node.face), node.depth + 1)
+        });
+        self.nodes.push(Node { face, inward, before, depth, branches: [Branch::Cut(0); 2] });
         index
+    }
+
+    fn link(&mut self, from: Option<(usize, bool)>, to: Branch) {
+        if let Some((node, reflects)) = from {
+            self.nodes[node].branches[usize::from(reflects)] = to;
+        }
     }
 }
 
 /// The light of a pane's paths and cuts.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Light {
     /// Largest mean weight of each path over all angles and colours.
     pub(super) max_weights: Vec<f64>,
-    /// Largest weight of each path of a ray: rare rays with much light make the noise of an image. That of the last path of a side
-    /// includes the light of cuts.
+    /// Largest weight of each path of a ray: rare rays with much light make the noise of an image.
     pub(super) peaks: Vec<f64>,
+    /// The same of the light of cuts that leaves to the front and to the back.
+    pub(super) cut_peaks: [f64; 2],
     /// For each cut, the shares of its light that leave to the front and to the back, for each colour.
     pub(super) divisions: Vec<[[f64; 3]; 2]>,
     /// Bounds of the shares of the light, over angles and colours, that cuts send to the front and to the back.
@@ -125,6 +129,7 @@ impl Light {
         Self {
             max_weights: larger(self.max_weights, other.max_weights),
             peaks: larger(self.peaks, other.peaks),
+            cut_peaks: [0, 1].map(|side| self.cut_peaks[side].max(other.cut_peaks[side])),
             divisions: self.divisions.into_iter().zip(other.divisions).map(mean).collect(),
             dropped: [0, 1].map(|side| self.dropped[side].max(other.dropped[side])),
             shadowed: self.shadowed.max(other.shadowed),
@@ -147,11 +152,12 @@ struct AtAngle {
     errors: [f64; 2],
 }
 
-/// Rays behind a cut that go on at random, and their sums over all angles: what came, and what left on each side.
+/// Sums over rays of a cut at all angles: their light, what of it leaves on each side, and what smooth faces would not let out.
 #[derive(Clone, Default)]
 struct Behind {
     came: [f64; 3],
     left: [[f64; 3]; 2],
+    trapped: [f64; 3],
 }
 
 /// A batch of rays on its way through a tree.
@@ -167,15 +173,15 @@ struct Batch<'a> {
     facets: Vec<Vec<[f64; 2]>>,
     /// Light of all cuts of each ray, of its brightest colour.
     of_rays: Vec<f64>,
-    /// Light that is lost, and that is lost behind cuts, of the brightest colour.
+    /// Light that is lost, of the brightest colour.
     lost: f64,
 }
 
-/// Measures the light of a tree with rays at several angles between these cosines of incidence. `last` are the last paths of the sides.
+/// Measures the light of a tree of this number of paths, with rays at several angles between these cosines of incidence.
 pub(super) fn measure(
     faces: &Faces<'_>,
     tree: &Tree,
-    (paths, last): (usize, [Option<usize>; 2]),
+    paths: usize,
     [least_cos, most_cos]: [f64; 2],
 ) -> Light {
     let mut behind = vec![Behind::default(); tree.cuts];
@@ -187,44 +193,41 @@ pub(super) fn measure(
             at_angle(faces, tree, (paths, cos_i), &mut behind)
         })
         .collect();
-    let divisions: Vec<[[f64; 3]; 2]> = behind
-        .iter()
-        .map(|Behind { came, left }| {
-            // The colours of a ray share one random choice, so that more of one can leave than came.
-            let all = |c: usize| came[c].max(left[0][c] + left[1][c]);
-            left.map(|left| [0, 1, 2].map(|c| if came[c] > 0.0 { left[c] / all(c) } else { 0.0 }))
-        })
-        .collect();
+    let of_all = |light: [f64; 3], came: [f64; 3]| {
+        [0, 1, 2].map(|c| if came[c] > 0.0 { light[c] / came[c] } else { 0.0 })
+    };
+    let divisions: Vec<[[f64; 3]; 2]> =
+        behind.iter().map(|of| of.left.map(|left| of_all(left, of.came))).collect();
+    let trapped: Vec<[f64; 3]> = behind.iter().map(|of| of_all(of.trapped, of.came)).collect();
     let largest = |of: &dyn Fn(&AtAngle, usize) -> f64| {
         let of_angle = |sums: &AtAngle| (0..3).map(|c| of(sums, c)).fold(0.0, f64::max);
         angles.iter().map(of_angle).fold(0.0, f64::max)
     };
-    let cut = |sums: &AtAngle, c: usize, part: &dyn Fn(&[[f64; 3]; 2]) -> f64| -> f64 {
-        let of = |(light, division): (&[f64; 3], &[[f64; 3]; 2])| light[c] * part(division);
-        sums.cuts.iter().zip(&divisions).map(of).sum::<f64>() / sums.rays
+    // The light of cuts at an angle, in these shares.
+    let cut = |sums: &AtAngle, c: usize, share: &dyn Fn(usize) -> f64| -> f64 {
+        let lights = sums.cuts.iter().enumerate();
+        lights.map(|(cut, light)| light[c] * share(cut)).sum::<f64>() / sums.rays
     };
     let all_cuts = |sums: &AtAngle, c: usize| cut(sums, c, &|_| 1.0).max(f64::MIN_POSITIVE);
-    let to_side = |sums: &AtAngle, c: usize, side: usize| cut(sums, c, &|of| of[side][c]);
+    let to_side =
+        |sums: &AtAngle, c: usize, side: usize| cut(sums, c, &|cut| divisions[cut][side][c]);
     let dropped = [0, 1].map(|side: usize| {
         largest(&|sums, c| {
-            let light = to_side(sums, c, side);
-            light + CERTAINTY * sums.errors[0] * light / all_cuts(sums, c)
+            // Light that is trapped between smooth faces may leave on either side of rough ones.
+            let may_leave = |cut: usize| (divisions[cut][side][c] + trapped[cut][c]).min(1.0);
+            let light = cut(sums, c, &may_leave);
+            light * (1.0 + PRECISION + CERTAINTY * sums.errors[0] / all_cuts(sums, c))
         })
     });
     let shadowed = largest(&|sums, c| {
-        let behind_cuts = cut(sums, c, &|of| (1.0 - of[0][c] - of[1][c]).max(0.0));
-        sums.lost[c] / sums.rays + behind_cuts + CERTAINTY * sums.errors[1]
+        (1.0 + PRECISION) * sums.lost[c] / sums.rays + CERTAINTY * sums.errors[1]
     });
     let max_weights =
         (0..paths).map(|path| largest(&|sums, c| sums.weights[path][c] / sums.rays)).collect();
-    let peaks = (0..paths).map(|path| {
-        largest(&|sums, c| {
-            let side = last.iter().position(|last| *last == Some(path));
-            let share = |side| to_side(sums, c, side) / all_cuts(sums, c);
-            sums.peaks[path] + side.map_or(0.0, |side| sums.cut_peak * share(side))
-        })
-    });
-    Light { max_weights, peaks: peaks.collect(), divisions, dropped, shadowed }
+    let peaks = (0..paths).map(|path| largest(&|sums, _| sums.peaks[path])).collect();
+    let cut_peaks = [0, 1]
+        .map(|side| largest(&|sums, c| sums.cut_peak * to_side(sums, c, side) / all_cuts(sums, c)));
+    Light { max_weights, peaks, cut_peaks, divisions, dropped, shadowed }
 }
 
 /// Follows batches of rays at one angle until their sums are known well enough.
@@ -256,7 +259,7 @@ fn at_angle(
             of_rays: vec![0.0; BATCH as usize],
             lost: 0.0,
         };
-        batch.descend(0, &vec![Ray::at(cos_i); BATCH as usize]);
+        batch.follow(vec![Ray::at(cos_i); BATCH as usize]);
         let (of_rays, lost) = (batch.of_rays, batch.lost);
         let of_cuts: f64 = of_rays.iter().sum();
         of_batches.push([of_cuts, lost].map(|sum| sum / f64::from(BATCH)));
@@ -280,9 +283,35 @@ fn at_angle(
 }
 
 impl Batch<'_> {
-    /// Splits rays at a node and follows its branches.
-    fn descend(&mut self, index: usize, rays: &[Ray]) {
-        let node = &self.tree.nodes[index];
+    /// Follows rays from the first node along all branches.
+    fn follow(&mut self, rays: Vec<Ray>) {
+        let mut arrived = vec![vec![]; self.tree.nodes.len()];
+        if let Some(first) = arrived.first_mut() {
+            *first = rays;
+        }
+        for index in 0..arrived.len() {
+            let rays = std::mem::take(&mut arrived[index]);
+            let node = &self.tree.nodes[index];
+            let split = self.split(node, &rays);
+            for (reflects, rays) in [false, true].into_iter().zip(split) {
+                let meeting = Meeting { face: node.face, inward: node.inward, reflects };
+                match node.branches[usize::from(reflects)] {
+                    Branch::To(next) => arrived[next] = rays,
+                    Branch::Leaf(path) => {
+                        for weights in rays.iter().map(Ray::weights) {
+                            (0..3).for_each(|c| self.sums.weights[path][c] += weights[c]);
+                            let peak = &mut self.sums.peaks[path];
+                            *peak = weights.into_iter().fold(*peak, f64::max);
+                        }
+                    }
+                    Branch::Cut(cut) => self.cut((meeting, cut), &rays),
+                }
+            }
+        }
+    }
+
+    /// Splits rays at a node: into those that pass and those that are reflected.
+    fn split(&mut self, node: &Node, rays: &[Ray]) -> [Vec<Ray>; 2] {
         while self.facets.len() <= node.depth {
             let seed = PixelSeed::new(0, 0, 0).of_meeting(self.facets.len() as u32);
             let of = |index: u32| {
@@ -292,84 +321,32 @@ impl Batch<'_> {
             self.facets.push((self.first..self.first + BATCH).map(of).collect());
         }
         let mut split: [Vec<Ray>; 2] = [vec![], vec![]];
-        for (k, ray) in rays.iter().enumerate() {
-            let facet = self.facets[node.depth][k];
-            let both = self.faces.split(ray, (node.face, node.inward), facet, self.cos_i);
+        for (ray, facet) in rays.iter().zip(&self.facets[node.depth]) {
+            let both = self.faces.split(ray, (node.face, node.inward), *facet, self.cos_i);
             for (split, (ray, lost)) in split.iter_mut().zip(both) {
                 (0..3).for_each(|c| self.sums.lost[c] += lost[c]);
                 self.lost += lost.into_iter().fold(0.0, f64::max);
                 split.push(ray);
             }
         }
-        for (reflects, rays) in [false, true].into_iter().zip(split) {
-            let meeting = Meeting { face: node.face, inward: node.inward, reflects };
-            match node.branches[usize::from(reflects)] {
-                Branch::To(next) => self.descend(next, &rays),
-                Branch::Leaf(path) => {
-                    for weights in rays.iter().map(Ray::weights) {
-                        (0..3).for_each(|c| self.sums.weights[path][c] += weights[c]);
-                        let peak = &mut self.sums.peaks[path];
-                        *peak = weights.into_iter().fold(*peak, f64::max);
-                    }
-                }
-                Branch::Cut(cut) => self.cut((meeting, node.depth, cut), &rays),
-            }
-        }
+        split
     }
 
-    /// Adds the light of a cut, and lets some of its rays go on.
-    fn cut(&mut self, (meeting, depth, cut): (Meeting, usize, usize), rays: &[Ray]) {
+    /// Adds the light of a cut, and divides that of some of its rays.
+    fn cut(&mut self, (meeting, cut): (Meeting, usize), rays: &[Ray]) {
         for (k, ray) in rays.iter().enumerate() {
             let light = ray.weights();
             (0..3).for_each(|c| self.sums.cuts[cut][c] += light[c]);
             self.of_rays[k] += light.into_iter().fold(0.0, f64::max);
-            if k % WALKERS == 0 && light != [0.0; 3] {
-                let at = (meeting, depth, self.first + k as u32, self.cos_i);
-                let [front, back] = go_on_at_random(self.faces, at, ray);
+            if k % DIVIDING == 0 && light != [0.0; 3] {
+                let Escaped { left, trapped } = self.faces.escape(ray, meeting, self.cos_i);
                 let behind = &mut self.behind[cut];
-                let mut lost = 0.0f64;
                 for c in 0..3 {
                     behind.came[c] += light[c];
-                    behind.left[0][c] += front[c];
-                    behind.left[1][c] += back[c];
-                    lost = lost.max(light[c] - front[c] - back[c]);
+                    behind.trapped[c] += trapped[c];
+                    (0..2).for_each(|side| behind.left[side][c] += left[side][c]);
                 }
-                self.lost += WALKERS as f64 * lost;
             }
         }
     }
-}
-
-/// Follows a ray behind a cut, which passes a face or is reflected at random, with the probability of its light. Returns the light
-/// that leaves to the front and to the back.
-fn go_on_at_random(
-    faces: &Faces<'_>,
-    (mut meeting, depth, index, cos_i): (Meeting, usize, u32, f64),
-    ray: &Ray,
-) -> [[f64; 3]; 2] {
-    let mut ray = *ray;
-    let brightest = |ray: &Ray| ray.weights().into_iter().fold(0.0, f64::max);
-    let least = LEAST_POWER * brightest(&ray);
-    for k in (depth as u32 + 1..).take(MOST_WALKS as usize) {
-        let Some(face) = meeting.next_face(faces.stack.layers().len()) else {
-            let mut left = [[0.0; 3]; 2];
-            left[usize::from(meeting.exit() == Exit::Reflected)] = ray.weights();
-            return left;
-        };
-        let inward = meeting.goes_inward();
-        let [u, v, choice, _] = sample(&PixelSeed::new(1, 0, 0).of_meeting(k), index);
-        let both = faces.split(&ray, (face, inward), facet_at([u, v]), cos_i);
-        let [passed, reflected] = both.map(|(ray, _)| (ray, brightest(&ray)));
-        let all = passed.1 + reflected.1;
-        let reflects = f64::from(choice) * all >= passed.1;
-        let (next, light) = if reflects { reflected } else { passed };
-        if light <= least {
-            break;
-        }
-        ray = next;
-        let scale = all / light;
-        ray.power.as_flattened_mut().iter_mut().for_each(|power| *power *= scale);
-        meeting = Meeting { face, inward, reflects };
-    }
-    [[0.0; 3]; 2]
 }
