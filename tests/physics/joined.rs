@@ -2,7 +2,7 @@
 
 use crate::case::{Case, I, bumpy, whole_film};
 use crate::pixels::compare;
-use render::trace::{Isa, OrderPlan, Scene, Stack, StackLayer};
+use render::trace::{Coating, Isa, OrderPlan, Scene, Stack, StackLayer};
 
 fn layer(thickness_m: f64, ior: f64) -> StackLayer {
     StackLayer { thickness_m, ior, absorption_per_m: [0.0; 3] }
@@ -95,6 +95,21 @@ fn joined_orders_match() {
     compare("bumpy, waves of 0.3 um, double pane", &case);
     case.roughness = Some(vec![1e-6; 4]);
     compare("bumpy, waves of 0.3 um, slightly rough double pane", &case);
+}
+
+/// A coating without red light joins no orders that one with little red light leaves apart.
+#[test]
+fn light_of_any_colour_has_a_line() {
+    let mut case = case(1e-4);
+    case.wave = Some([1e-4, 0.05, 20.0]);
+    let mut orders_with = |red: f64| {
+        let mut coatings = vec![None; 4];
+        coatings[2] = Some(Coating::constant([0.1; 3], [red, 0.5, 0.5]));
+        let layers = vec![layer(0.004, 1.52), layer(0.012, 1.0), layer(0.004, 1.52)];
+        case.stack = Some(Stack::new(layers, coatings));
+        count(&case.scene().orders)
+    };
+    assert_eq!(orders_with(0.0), orders_with(1e-3));
 }
 
 /// Orders do not depend on the seed.

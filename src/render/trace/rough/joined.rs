@@ -111,7 +111,8 @@ impl Scene {
                 camera.fill(self, &patch, 0, CHUNK);
                 camera.scatter(self, pane, &patch, &taken, Isa::detect());
                 for (way, lines) in lines.iter_mut().enumerate() {
-                    let weights = &camera.rough.weights(way)[0];
+                    let weights = camera.rough.weights(way);
+                    let colours = if camera.rough.is_coloured { 3 } else { 1 };
                     for s in 0..CHUNK {
                         let rays = camera.rough.rays(way, s);
                         for l in 0..LANES {
@@ -119,7 +120,8 @@ impl Scene {
                             let at = |k: usize| rays.point[k][l] / (nearest_m * pixel[k]);
                             let near = [far_x + at(0), far_y + at(1)];
                             let line = [far_x, far_y, near[0], near[1]];
-                            lines.push(if weights[s][l] > 0.0 { line } else { [f32::NAN; 4] });
+                            let has_light = weights[..colours].iter().any(|of| of[s][l] > 0.0);
+                            lines.push(if has_light { line } else { [f32::NAN; 4] });
                         }
                     }
                 }
@@ -129,9 +131,10 @@ impl Scene {
     }
 }
 
-/// Returns the largest distance of two paths' lines, px, of rays that both have; `None` if one is above `most_px`.
+/// Returns the largest distance of two paths' lines, px, of rays that both have; `None` if one is above `most_px`, or if they have no
+/// ray in common.
 fn distance_px(one: &[[f32; 4]], other: &[[f32; 4]], most_px: f32) -> Option<f32> {
-    let mut largest = 0.0f32;
+    let (mut largest, mut is_known) = (0.0f32, false);
     for (a, b) in one.iter().zip(other) {
         // Between the surface and infinity, the distance lies below the larger of both.
         for [x, y] in [[0, 1], [2, 3]].map(|of| of.map(|k: usize| a[k] - b[k])) {
@@ -140,7 +143,8 @@ fn distance_px(one: &[[f32; 4]], other: &[[f32; 4]], most_px: f32) -> Option<f32
                 return None;
             }
             largest = largest.max(square);
+            is_known |= square >= 0.0;
         }
     }
-    Some(largest.sqrt())
+    is_known.then(|| largest.sqrt())
 }
