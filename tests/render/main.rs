@@ -15,6 +15,7 @@ mod layers;
 mod light;
 mod list;
 mod mesh;
+mod negligible;
 mod oracle;
 mod pictures;
 mod places;

@@ -8,7 +8,7 @@ pub enum LineError {
     /// An unknown schema or version.
     #[error("schema is {found:?}, but must be \"glasshouse.scene/1\": write the line in that form")]
     Schema { found: String },
-    #[error("{field} is {value}, but must be {allowed}")]
+    #[error("{field} is {}, but must be {allowed}", number(*value))]
     OutOfRange { field: String, value: f64, allowed: &'static str },
     #[error("{field} is empty, but must be the path of a file")]
     EmptyPath { field: String },
@@ -114,6 +114,11 @@ pub enum LineError {
     /// A coating that makes light.
     #[error("{field} plus the transmittance is {sum}, but must be at most 1")]
     Light { field: String, sum: f64 },
+}
+
+/// Writes huge numbers with an exponent.
+fn number(value: f64) -> String {
+    if value.abs() < 1.0e18 { value.to_string() } else { format!("{value:e}") }
 }
 
 /// Checks that `limit` contains `value`.

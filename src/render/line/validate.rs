@@ -426,7 +426,7 @@ mod tests {
         let outline = r#""thickness_m":0.01,"ior":1.5,"outline":{"x_m":[-1,1e300],"y_m":[-1,1],"frame_m":1e300,"frame_radiance""#;
         let wave = r#""thickness_m":0.01,"ior":1.5,"wave""#;
         for (keys, message) in [
-            (r#""layers":[{"glass_m":1e300,"ior":1.5}]"#, "glass.layers[0].glass_m is 1000"),
+            (r#""layers":[{"glass_m":1e300,"ior":1.5}]"#, "glass.layers[0].glass_m is 1e300"),
             (
                 r#""layers":[{"glass_m":0.1,"ior":1.5},{"gap_m":1000}]"#,
                 "glass.layers[1].gap_m is 1000, but must be 0 to 100",
@@ -437,11 +437,11 @@ mod tests {
             ),
             (
                 &format!(r#"{wave}:{{"amplitude_m":1e300,"length_m":1e308}}"#),
-                "glass.wave.amplitude_m is 1000",
+                "glass.wave.amplitude_m is 1e300",
             ),
             (
                 &format!(r#"{wave}:{{"amplitude_m":1,"length_m":1e308}}"#),
-                "glass.wave.length_m is 1000",
+                "glass.wave.length_m is 1e308",
             ),
             (
                 &format!(r#"{wave}:{{"amplitude_m":1e-20,"length_m":1e-15}}"#),

@@ -40,11 +40,11 @@ const DIGESTS: &[(&str, &str)] = &[
     ("display-p3", "fc407955087b716b57633d3a7c58af1a3f6e66b1ca1da473c4fff8da82a736af"),
     ("double", "d091aec5da3f6bb069c1faffadac9e56ab23ce235d7a92cf47700f053d1a9a5c"),
     ("bent", "e2d9a8c69789b43dd7c77d40cf3151804ae53f190b49a64f650c0b50275d8557"),
-    ("rough", "836281ff6967bb3b2c2adf94e95b27b4bb6dfcc4734d6930c47295eaec5955ae"),
-    ("waved", "2bebb49970e5d81817f1329cb2f667b8e647eda054bcdde0634fd0797d570042"),
+    ("rough", "dd66fafa5ceda989ca480fd903d4c97df0841189d1635caa8e9b4dabdf0086a6"),
+    ("waved", "7a3b3bb30d8fdb1f5e99f58e7e57fd30c24aa41c454d40933740e2d8cee1d8dc"),
     ("framed", "d3df85854581832b764fe26c91178f531d341575593c92724d36abaad78ce441"),
     ("framed-camera", "124b8f85146ebf692cdda8486ba16ff0a5c1e251fb41d247743d77ed55b62786"),
-    ("smudged", "ac60ecf7b480450241038b93a0a7b33bd6653ccfe96d48211b154820b67788e5"),
+    ("smudged", "6a2ea7a4fe4a7b4fdc99f59884836eb61fc1807101717a9b3d92d70d9fc48b6e"),
 ];
 
 /// Traces the golden scenes on this machine, which takes one thread tens of milliseconds. Returns one joint digest.

@@ -25,6 +25,7 @@
 
 mod arrive;
 mod escape;
+mod faces;
 mod facet;
 mod joined;
 mod meet;
@@ -32,6 +33,7 @@ mod paths;
 mod program;
 mod rays;
 mod scatter;
+mod shares;
 mod tree;
 mod visible;
 
@@ -47,10 +49,12 @@ use super::smudges::{SmudgeLanes, Smudges};
 use super::stack::{Exit, Stack};
 use super::wave::{Wave, WaveLanes};
 use crate::curve::Curve;
+use faces::{Crests, Faces};
 use glam::{DMat3, DVec3, Vec3};
-use paths::{Faces, select, straight};
+use paths::{select, straight};
 use program::{Meet, Program, Target};
 use scatter::LEAST_COS;
+use shares::MeanShares;
 use tree::{Branch, Light, Node, Tree, measure};
 
 /// A pane with rough faces, and the paths that the tracer follows.
@@ -130,23 +134,12 @@ impl RoughShape<'_> {
         self.wave.is_some() || self.turned.is_some()
     }
 
-    /// Returns the largest tangent of the angle between the normals of two faces, or of a face and the pane.
-    fn largest_slope(&self) -> f64 {
-        let waves = self.wave.map_or(0.0, Wave::largest_slope);
-        let turned = self.turned.into_iter().flatten().map(|turned| {
-            let normal = *turned * self.slab.normal;
-            normal.cross(self.slab.normal).length() / normal.dot(self.slab.normal)
-        });
-        waves + turned.fold(0.0, f64::max)
-    }
-
     /// Returns the axes of each of the faces in coordinates with the pane's `axes`.
-    fn faces(&self, axes: [DVec3; 3], count: usize) -> Vec<[Vec3; 3]> {
+    fn faces(&self, axes: [DVec3; 3], count: usize) -> Vec<DMat3> {
         let pane = DMat3::from_cols(axes[0], axes[1], axes[2]);
         let of = |face: usize| {
             let turned = self.turned.map_or(DMat3::IDENTITY, |turned| turned[face]);
-            let turned = pane.transpose() * turned * pane;
-            [turned.x_axis, turned.y_axis, turned.z_axis].map(DVec3::as_vec3)
+            pane.transpose() * turned * pane
         };
         (0..count).map(of).collect()
     }
@@ -230,28 +223,35 @@ impl RoughPane {
         let curvature_per_m = shape.bow.map_or(0.0, |bow| bow.curvature_per_m);
         // A flat ray in a bent pane misses the inner sphere, and one before turned faces may leave the next face behind.
         let miss_cos = (2.0 * stack.thickness_m() * curvature_per_m.abs()).sqrt();
-        let slope = shape.largest_slope();
-        let least_cos = miss_cos.max(slope).max(f64::from(LEAST_COS));
-        let between = [(between[0] - slope).max(least_cos), (between[1] + slope).min(1.0)];
+        let least_cos = miss_cos.max(f64::from(LEAST_COS));
+        let between = [between[0].max(least_cos), between[1].min(1.0)];
         let mut smeared = alphas.to_vec();
         if let Some(smudges) = shape.smudges {
             smeared[0] = smudges.smear().roughness;
         }
         let largest: Vec<f64> =
             alphas.iter().zip(&smeared).map(|(clean, smeared)| clean.max(*smeared)).collect();
-        let faces = |alphas| Faces { stack, alphas, least_cos };
-        let selection = select(&faces(&largest), between, max_radiance, tolerance);
+        let turned = shape.faces(axes, alphas.len());
+        let crests = shape.wave.map(|wave| Crests {
+            across: axes.map(|axis| axis.dot(wave.across_crests)).into(),
+            largest_slope: wave.largest_slope(),
+            length_m: wave.length_m,
+        });
+        let azimuth = DVec3::new(across.z, axes[1].z, 0.0).try_normalize().unwrap_or(DVec3::X);
+        let of_shape = if shape.turned.is_some() { &turned[..] } else { &[] };
+        let faces = |alphas| Faces { stack, alphas, least_cos, turned: of_shape, crests, azimuth };
+        let mut shares = MeanShares::default();
+        let selection = select(&faces(&largest), &mut shares, between, max_radiance, tolerance);
         let of_front = selection.sides[0].len();
         let count = of_front + selection.sides[1].len();
         let tree = Tree::new(&selection.sides);
-        let mut light = measure(&faces(alphas), &tree, count, between);
+        let mut light = measure(&faces(alphas), &mut shares, &tree, count, between);
         if smeared != alphas {
-            light = light.or(measure(&faces(&smeared), &tree, count, between));
+            light = light.or(measure(&faces(&smeared), &mut shares, &tree, count, between));
         }
         let of_faces: Vec<[f64; 2]> =
             alphas.iter().zip(&smeared).map(|(clean, smeared)| [*clean, *smeared]).collect();
-        let faces = shape.faces(axes, alphas.len());
-        let maker = StepMaker { stack, curvature_per_m, faces: &faces };
+        let maker = StepMaker { stack, curvature_per_m, turned: &turned };
         let is_smooth = alphas.iter().all(|alpha| *alpha == 0.0) && shape.smudges.is_none();
         let straight = shape.is_free().then(|| {
             let meetings = straight(alphas.len());
@@ -375,7 +375,7 @@ impl RoughPane {
 struct StepMaker<'a> {
     stack: &'a Stack,
     curvature_per_m: f64,
-    faces: &'a [[Vec3; 3]],
+    turned: &'a [DMat3],
 }
 
 impl StepMaker<'_> {
@@ -438,7 +438,7 @@ impl StepMaker<'_> {
             inward_sign: if inward { 1.0 } else { -1.0 },
             travel_m: (to_m - from_m) as f32,
             origin: Vec3::Z * to_m as f32,
-            axes: self.faces[face],
+            axes: [0, 1, 2].map(|k| self.turned[face].col(k).as_vec3()),
             constant_m: (of_sphere(from_m) - of_sphere(to_m)) as f32,
             absorption_per_m: absorption_per_m.map(|a| a as f32),
             absorbs: absorption_per_m != [0.0; 3],

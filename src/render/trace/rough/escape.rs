@@ -5,7 +5,8 @@
 //! faces would never let out leaves on the sides that let out light along the normal, in the proportion of their transmittances.
 
 use super::super::stack::Exit;
-use super::paths::{Faces, Meeting, Ray};
+use super::faces::{Faces, Ray};
+use super::paths::Meeting;
 
 /// Reflectance and transmittance of one or more faces for s and p, for each colour.
 #[derive(Clone, Copy)]
@@ -61,8 +62,8 @@ impl Faces<'_> {
         };
         let layer = next.min(meeting.face);
         let ior = self.stack.layers()[layer].ior;
-        let sine = ior * ior * (1.0 - ray.direction.z * ray.direction.z).max(0.0);
-        let shares = self.shares(layer, meeting.goes_inward(), sine, cos_i);
+        let sine_2 = ior * ior * (1.0 - ray.direction.z * ray.direction.z).max(0.0);
+        let shares = self.shares(layer, meeting.goes_inward(), sine_2, cos_i);
         let mut along_normal = None;
         for q in 0..2 {
             for c in 0..3 {
@@ -84,13 +85,13 @@ impl Faces<'_> {
     }
 
     /// Returns the shares of the light at the end of a layer that leave to the front and to the back, for s and p and each colour.
-    /// `sine` is the square of n sin of the ray's angle.
-    fn shares(&self, layer: usize, inward: bool, sine: f64, cos_i: f64) -> [[[f64; 3]; 2]; 2] {
+    /// `sine_2` is the square of n sin of the ray's angle.
+    fn shares(&self, layer: usize, inward: bool, sine_2: f64, cos_i: f64) -> [[[f64; 3]; 2]; 2] {
         let last = self.stack.layers().len();
-        let face = |face: usize, inward: bool| self.smooth(face, inward, sine, cos_i);
+        let face = |face: usize, inward: bool| self.smooth(face, inward, sine_2, cos_i);
         let tau = |layer: usize| {
             let layer = &self.stack.layers()[layer];
-            let cosine = (1.0 - sine / (layer.ior * layer.ior)).max(0.0).sqrt();
+            let cosine = (1.0 - sine_2 / (layer.ior * layer.ior)).max(0.0).sqrt();
             layer.absorption_per_m.map(|a| libm::exp(-a * layer.thickness_m / cosine.max(1e-9)))
         };
         let mut behind = face(last, true);
@@ -116,9 +117,9 @@ impl Faces<'_> {
     }
 
     /// Returns the shares of a smooth face. One that reflects totally keeps what its coating would let pass.
-    fn smooth(&self, face: usize, inward: bool, sine: f64, cos_i: f64) -> Shares {
+    fn smooth(&self, face: usize, inward: bool, sine_2: f64, cos_i: f64) -> Shares {
         let [near, far] = self.stack.iors(face);
-        let [a, b] = [near, far].map(|ior| ior * ior - sine);
+        let [a, b] = [near, far].map(|ior| ior * ior - sine_2);
         let is_total = a <= 0.0 || b <= 0.0;
         if let Some(coating) = &self.stack.coatings()[face] {
             let [passed, reflected] =
@@ -143,6 +144,7 @@ impl Faces<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::faces::At;
     use super::*;
     use crate::trace::{Coating, Stack, StackLayer};
 
@@ -161,11 +163,12 @@ mod tests {
     fn light_behind_the_first_face_leaves_like_that_of_the_stack() {
         for absorption_per_m in [[0.0; 3], [3.0, 20.0, 80.0]] {
             let stack = stack(absorption_per_m);
-            let faces = Faces { stack: &stack, alphas: &[0.0; 4], least_cos: 1e-6 };
+            let faces = Faces::parallel(&stack, &[0.0; 4], 1e-6);
             for cos_i in [0.05, 0.3, 0.7, 1.0] {
-                let ways = faces.split(&Ray::at(cos_i), (0, true), [0.0; 2], cos_i);
+                let camera = &faces.camera_rays(cos_i, 0, 1)[0];
+                let at = At { face: 0, inward: true, cos_i };
+                let [entered, reflected] = faces.split(camera, at, [0.0; 2]).map(|(ray, _)| ray);
                 let meeting = |reflects| Meeting { face: 0, inward: true, reflects };
-                let [entered, reflected] = ways.map(|(ray, _)| ray);
                 let Escaped { left: [front, back], trapped } =
                     faces.escape(&entered, meeting(false), cos_i);
                 let at_once = faces.escape(&reflected, meeting(true), cos_i).left[1];
@@ -178,11 +181,11 @@ mod tests {
             }
         }
         let stack = stack([0.0; 3]);
-        let faces = Faces { stack: &stack, alphas: &[0.0; 4], least_cos: 1e-6 };
+        let faces = Faces::parallel(&stack, &[0.0; 4], 1e-6);
         for cos in [0.02, 0.2, 0.5, 0.74, 0.76, 1.0] {
             for (face, inward, reflects) in [(1, true, true), (0, false, true), (3, true, true)] {
                 let meeting = Meeting { face, inward, reflects };
-                let escaped = faces.escape(&Ray::at(cos), meeting, 0.8);
+                let escaped = faces.escape(&faces.camera_rays(cos, 0, 1)[0], meeting, 0.8);
                 for c in 0..3 {
                     let all = escaped.left[0][c] + escaped.left[1][c];
                     assert!((all - 1.0).abs() < 1e-9, "cosine {cos}, face {face}: {all}");

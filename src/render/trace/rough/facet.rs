@@ -15,8 +15,20 @@ pub(super) struct Leaving {
     pub(super) passes: f64,
 }
 
+impl Leaving {
+    /// Returns the number of what a facet does with light: it passes (0), is reflected in part (1), or totally (2); `None` for light that
+    /// passes a facet that reflects totally.
+    pub(super) fn kind(&self, reflects: bool) -> Option<usize> {
+        match (reflects, self.is_total) {
+            (false, false) => Some(0),
+            (false, true) => None,
+            (true, is_total) => Some(1 + usize::from(is_total)),
+        }
+    }
+}
+
 /// A face that a ray meets.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Face {
     pub(super) alpha: f64,
     /// Indices before and behind the face, as the light travels.

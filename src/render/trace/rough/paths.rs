@@ -2,13 +2,14 @@
 //!
 //! Facets change the weights of paths: light that they turn to total reflection stays in the pane for many passages. So a
 //! best-first search carries a few rays along every path, in f64, at several angles of incidence, and compares the means of
-//! their weights. The light that no selected path has is the sum of what the search has left.
+//! their weights over the facets of the last face ([`super::shares`]). The light that no selected path has is the sum of what the search has left.
 
 use super::super::orders::MOST_PATHS;
 use super::super::sampler::{PixelSeed, sample};
-use super::super::stack::{Exit, Stack};
-use super::facet::{Face, facet_at};
-use glam::DVec3;
+use super::super::stack::Exit;
+use super::faces::{At, Faces, Ray};
+use super::facet::facet_at;
+use super::shares::MeanShares;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
@@ -17,8 +18,10 @@ const ANGLES: usize = 3;
 /// Number of rays at each angle.
 const RAYS: usize = 32;
 
-/// Largest number of steps of the search. The light of paths that it does not reach is left.
+/// Largest number of steps of the search, and of meetings of a path. The light of paths that it does not reach is left: after so many
+/// meetings, it is light that facets have turned to total reflection, and leaves in all directions.
 const MOST_STEPS: usize = 4000;
+const MOST_MEETINGS: usize = 64;
 
 /// A face that a path meets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -52,84 +55,6 @@ impl Meeting {
 /// Returns the meetings of the path that crosses each of the faces once.
 pub(super) fn straight(faces: usize) -> Vec<Meeting> {
     (0..faces).map(|face| Meeting { face, inward: true, reflects: false }).collect()
-}
-
-/// A ray in coordinates with the pane's normal as z, with its weights for s and p, and for each colour.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Ray {
-    pub(super) direction: DVec3,
-    pub(super) power: [[f64; 3]; 2],
-}
-
-impl Ray {
-    /// Makes a camera ray at this cosine of incidence.
-    pub(super) fn at(cos: f64) -> Self {
-        let sin = (1.0 - cos * cos).max(0.0).sqrt();
-        Self { direction: DVec3::new(sin, 0.0, cos), power: [[1.0; 3]; 2] }
-    }
-
-    /// Returns the weights of the colours for unpolarised light.
-    pub(super) fn weights(&self) -> [f64; 3] {
-        let [s, p] = &self.power;
-        [0, 1, 2].map(|c| 0.5 * (s[c] + p[c]))
-    }
-}
-
-/// A pane with the roughness of its faces, followed in f64.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Faces<'a> {
-    pub(super) stack: &'a Stack,
-    pub(super) alphas: &'a [f64],
-    /// Least cosine of a direction to a face's normal with which light goes on.
-    pub(super) least_cos: f64,
-}
-
-impl Faces<'_> {
-    /// Splits a ray at a face: into the light that passes it and the light that it reflects. Also returns for each the part that facets
-    /// hide or that leaves on the wrong side, for each colour. `cos_i` is that of the camera ray; coatings depend on it.
-    pub(super) fn split(
-        &self,
-        ray: &Ray,
-        (face, inward): (usize, bool),
-        facet: [f64; 2],
-        cos_i: f64,
-    ) -> [(Ray, [f64; 3]); 2] {
-        let [near, far] = self.stack.iors(face);
-        let iors = if inward { [near, far] } else { [far, near] };
-        let face_of = Face { alpha: self.alphas[face], iors, least_cos: self.least_cos };
-        let leaving = face_of.split(ray.direction, facet);
-        let coating = self.stack.coatings()[face].as_ref();
-        [false, true].map(|reflects| {
-            let of = &leaving[usize::from(reflects)];
-            // A facet that reflects totally keeps what the coating would let pass.
-            let coated = coating.map(|coating| {
-                let [passed, reflected] =
-                    [false, true].map(|reflects| coating.share(inward, reflects).at(cos_i));
-                match (reflects, of.is_total) {
-                    (false, true) => [0.0; 3],
-                    (false, false) => passed,
-                    (true, false) => reflected,
-                    (true, true) => [0, 1, 2].map(|c| reflected[c] + passed[c]),
-                }
-            });
-            let meeting = Meeting { face, inward, reflects };
-            let layer = meeting.next_face(self.stack.layers().len()).map(|next| {
-                let layer = &self.stack.layers()[next.min(face)];
-                let way_m = layer.thickness_m / of.direction.z.abs();
-                layer.absorption_per_m.map(|a| libm::exp(-a * way_m))
-            });
-            let (mut power, mut lost) = (ray.power, [0.0; 3]);
-            for (q, power) in power.iter_mut().enumerate() {
-                for c in 0..3 {
-                    let share = coated.map_or(of.fresnel[q], |coated| coated[c]);
-                    let met = power[c] * share;
-                    lost[c] += 0.5 * met * (1.0 - of.passes);
-                    power[c] = met * of.passes * layer.map_or(1.0, |passed| passed[c]);
-                }
-            }
-            (Ray { direction: of.direction, power }, lost)
-        })
-    }
 }
 
 /// A selected path.
@@ -190,6 +115,7 @@ pub(super) struct Selection {
 /// worth a path (see [`MOST_PATHS`]), on each side with its largest radiance.
 pub(super) fn select(
     faces: &Faces<'_>,
+    shares: &mut MeanShares,
     [least_cos, most_cos]: [f64; 2],
     max_radiance: [f64; 2],
     tolerance: f64,
@@ -197,7 +123,7 @@ pub(super) fn select(
     let last = (ANGLES - 1) as f64;
     let cosines: [f64; ANGLES] =
         std::array::from_fn(|i| least_cos + (most_cos - least_cos) * i as f64 / last);
-    let rays = cosines.iter().flat_map(|cos| [Ray::at(*cos); RAYS]).collect();
+    let rays = cosines.iter().flat_map(|cos| faces.camera_rays(*cos, 0, RAYS)).collect();
     let all = Partial {
         strength: 1.0,
         is_first: true,
@@ -212,16 +138,12 @@ pub(super) fn select(
     let mut sides: [Vec<Selected>; 2] = [vec![], vec![]];
     let mut was_bounded = true;
     for _ in 0..MOST_STEPS {
+        let strongest = heap.peek().map_or(0.0, |path| path.strength);
         let is_done = |side: usize| {
             let count = sides[side].len();
             let has_first = count > 0 || (side == 1 && max_radiance[1] == 0.0);
-            has_first
-                && !MOST_PATHS.needs_more(
-                    count,
-                    inside + outside[side],
-                    max_radiance[side],
-                    tolerance,
-                )
+            let rest = [inside + outside[side], strongest];
+            has_first && !MOST_PATHS.needs_path(count, rest, max_radiance[side], tolerance)
         };
         if is_done(0) && is_done(1) {
             was_bounded = false;
@@ -239,8 +161,11 @@ pub(super) fn select(
             }
             continue;
         };
+        if path.meetings.len() == MOST_MEETINGS {
+            continue;
+        }
         inside -= path.strength;
-        for next in go_on(faces, &cosines, &path, face) {
+        for next in go_on(faces, shares, &cosines, &path, face) {
             match next.next {
                 Some(_) => inside += next.strength,
                 None => outside[usize::from(!next.inward)] += next.strength,
@@ -258,7 +183,13 @@ pub(super) fn select(
 }
 
 /// Continues a path by one face.
-fn go_on(faces: &Faces<'_>, cosines: &[f64; ANGLES], path: &Partial, face: usize) -> [Partial; 2] {
+fn go_on(
+    faces: &Faces<'_>,
+    shares: &mut MeanShares,
+    cosines: &[f64; ANGLES],
+    path: &Partial,
+    face: usize,
+) -> [Partial; 2] {
     let seed = PixelSeed::new(0, 0, 0).of_meeting(path.meetings.len() as u32);
     let facets: Vec<[f64; 2]> = (0..RAYS as u32)
         .map(|index| {
@@ -272,10 +203,10 @@ fn go_on(faces: &Faces<'_>, cosines: &[f64; ANGLES], path: &Partial, face: usize
         let mut sums = [[0.0; 3]; 2];
         for (k, facet) in facets.iter().enumerate() {
             let index = angle * RAYS + k;
-            let split = faces.split(&path.rays[index], (face, path.inward), *facet, *cos_i);
-            for (branch, (ray, _)) in split.into_iter().enumerate() {
-                let weights = ray.weights();
-                (0..3).for_each(|c| sums[branch][c] += weights[c] / RAYS as f64);
+            let at = At { face, inward: path.inward, cos_i: *cos_i };
+            let (split, _) = shares.split(faces, &path.rays[index], at, *facet);
+            for (branch, (ray, mean)) in split.into_iter().enumerate() {
+                (0..3).for_each(|c| sums[branch][c] += mean[c] / RAYS as f64);
                 rays[branch][index] = ray;
             }
         }

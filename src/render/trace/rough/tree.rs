@@ -6,8 +6,10 @@
 
 use super::super::sampler::{PixelSeed, sample};
 use super::escape::Escaped;
+use super::faces::{At, Faces, Ray};
 use super::facet::facet_at;
-use super::paths::{Faces, Meeting, Ray, Selected};
+use super::paths::{Meeting, Selected};
+use super::shares::MeanShares;
 
 /// Number of angles of incidence.
 const ANGLES: usize = 3;
@@ -18,8 +20,13 @@ const BATCH: u32 = 64;
 const BATCHES: [u32; 2] = [2, 16];
 const PRECISION: f64 = 0.1;
 const ABSOLUTE: f64 = 2.0e-5;
+/// Mean lost light below which no ray of an image loses any that shows.
+const LEAST_LOST: f64 = 1.0e-9;
 /// Number of standard errors that the bounds add to the means, beside `PRECISION` of these for what lies between the angles.
 const CERTAINTY: f64 = 3.0;
+/// Slope of steep facets, in units of alpha: no sample meets one that is steeper than 4.08, and several that are less steep
+/// together turn light hardly further.
+const STEEPEST: f64 = 5.0;
 /// Of the rays at a cut, those with this divisor tell how its light divides between the sides.
 const DIVIDING: usize = 4;
 
@@ -93,6 +100,11 @@ impl Tree {
         index
     }
 
+    /// Returns the largest number of meetings of a path.
+    fn depth(&self) -> usize {
+        self.nodes.iter().map(|node| node.depth + 1).max().unwrap_or(0)
+    }
+
     fn link(&mut self, from: Option<(usize, bool)>, to: Branch) {
         if let Some((node, reflects)) = from {
             self.nodes[node].branches[usize::from(reflects)] = to;
@@ -152,6 +164,20 @@ struct AtAngle {
     errors: [f64; 2],
 }
 
+impl AtAngle {
+    fn new(paths: usize) -> Self {
+        Self {
+            rays: 0.0,
+            weights: vec![[0.0; 3]; paths],
+            peaks: vec![0.0; paths],
+            cuts: vec![],
+            lost: [0.0; 3],
+            cut_peak: 0.0,
+            errors: [0.0; 2],
+        }
+    }
+}
+
 /// Sums over rays of a cut at all angles: their light, what of it leaves on each side, and what smooth faces would not let out.
 #[derive(Clone, Default)]
 struct Behind {
@@ -161,18 +187,18 @@ struct Behind {
 }
 
 /// A batch of rays on its way through a tree.
-struct Batch<'a> {
-    faces: &'a Faces<'a>,
-    tree: &'a Tree,
+struct Batch<'a, 'b> {
+    faces: &'b Faces<'a>,
+    shares: &'b mut MeanShares,
+    tree: &'b Tree,
     cos_i: f64,
-    /// Index of the first ray.
-    first: u32,
-    sums: &'a mut AtAngle,
-    behind: &'a mut [Behind],
+    sums: &'b mut AtAngle,
+    behind: &'b mut [Behind],
     /// Facets of each meeting, by the number of meetings before it.
-    facets: Vec<Vec<[f64; 2]>>,
-    /// Light of all cuts of each ray, of its brightest colour.
+    facets: &'b [Vec<[f64; 2]>],
+    /// Light of all cuts of each ray, of its brightest colour: in the mean over the last facets, and with those that it met.
     of_rays: Vec<f64>,
+    peaks: Vec<f64>,
     /// Light that is lost, of the brightest colour.
     lost: f64,
 }
@@ -180,6 +206,7 @@ struct Batch<'a> {
 /// Measures the light of a tree of this number of paths, with rays at several angles between these cosines of incidence.
 pub(super) fn measure(
     faces: &Faces<'_>,
+    shares: &mut MeanShares,
     tree: &Tree,
     paths: usize,
     [least_cos, most_cos]: [f64; 2],
@@ -190,7 +217,7 @@ pub(super) fn measure(
         .map(|i| {
             let share = i as f64 / (ANGLES - 1) as f64;
             let cos_i = least_cos + (most_cos - least_cos) * share;
-            at_angle(faces, tree, (paths, cos_i), &mut behind)
+            at_angle(faces, shares, tree, (paths, cos_i), &mut behind)
         })
         .collect();
     let of_all = |light: [f64; 3], came: [f64; 3]| {
@@ -222,6 +249,8 @@ pub(super) fn measure(
     let shadowed = largest(&|sums, c| {
         (1.0 + PRECISION) * sums.lost[c] / sums.rays + CERTAINTY * sums.errors[1]
     });
+    // A pixel may have more of the rare rays that lose light than its share.
+    let shadowed = if shadowed > LEAST_LOST { shadowed + ABSOLUTE } else { shadowed };
     let max_weights =
         (0..paths).map(|path| largest(&|sums, c| sums.weights[path][c] / sums.rays)).collect();
     let peaks = (0..paths).map(|path| largest(&|sums, _| sums.peaks[path])).collect();
@@ -233,38 +262,45 @@ pub(super) fn measure(
 /// Follows batches of rays at one angle until their sums are known well enough.
 fn at_angle(
     faces: &Faces<'_>,
+    shares: &mut MeanShares,
     tree: &Tree,
     (paths, cos_i): (usize, f64),
     behind: &mut [Behind],
 ) -> AtAngle {
-    let mut sums = AtAngle {
-        rays: 0.0,
-        weights: vec![[0.0; 3]; paths],
-        peaks: vec![0.0; paths],
-        cuts: vec![[0.0; 3]; tree.cuts],
-        lost: [0.0; 3],
-        cut_peak: 0.0,
-        errors: [0.0; 2],
-    };
+    let mut sums = AtAngle { cuts: vec![[0.0; 3]; tree.cuts], ..AtAngle::new(paths) };
+    add_extremes(faces, shares, tree, cos_i, &mut sums);
+    let depth = tree.depth();
     let mut of_batches: Vec<[f64; 2]> = vec![];
     for number in 0..BATCHES[1] {
+        let indices = number * BATCH..(number + 1) * BATCH;
+        let of_meeting = |k: u32| -> Vec<[f64; 2]> {
+            let seed = PixelSeed::new(0, 0, 0).of_meeting(k);
+            let of = |index: u32| {
+                let [u, v, ..] = sample(&seed, index);
+                facet_at([u, v])
+            };
+            indices.clone().map(of).collect()
+        };
+        let facets: Vec<Vec<[f64; 2]>> = (0..depth as u32).map(of_meeting).collect();
+        let rays = faces.camera_rays(cos_i, indices.start, BATCH as usize);
         let mut batch = Batch {
             faces,
+            shares,
             tree,
             cos_i,
-            first: number * BATCH,
             sums: &mut sums,
             behind,
-            facets: vec![],
-            of_rays: vec![0.0; BATCH as usize],
+            facets: &facets,
+            of_rays: vec![0.0; rays.len()],
+            peaks: vec![0.0; rays.len()],
             lost: 0.0,
         };
-        batch.follow(vec![Ray::at(cos_i); BATCH as usize]);
-        let (of_rays, lost) = (batch.of_rays, batch.lost);
-        let of_cuts: f64 = of_rays.iter().sum();
+        batch.follow(rays);
+        let (peaks, lost) = (batch.peaks, batch.lost);
+        let of_cuts: f64 = batch.of_rays.iter().sum();
         of_batches.push([of_cuts, lost].map(|sum| sum / f64::from(BATCH)));
         sums.rays += f64::from(BATCH);
-        sums.cut_peak = of_rays.into_iter().fold(sums.cut_peak, f64::max);
+        sums.cut_peak = peaks.into_iter().fold(sums.cut_peak, f64::max);
         if number + 1 < BATCHES[0] {
             continue;
         }
@@ -282,7 +318,48 @@ fn at_angle(
     sums
 }
 
-impl Batch<'_> {
+/// Finds the largest weights of rays that meet one steep facet, upwards or downwards, at each of the meetings: the rays of an image are many
+/// more than those of all batches.
+fn add_extremes(
+    faces: &Faces<'_>,
+    shares: &mut MeanShares,
+    tree: &Tree,
+    cos_i: f64,
+    sums: &mut AtAngle,
+) {
+    if faces.alphas.iter().all(|alpha| *alpha == 0.0) {
+        return;
+    }
+    let depth = tree.depth();
+    let steep = [faces.azimuth.x * STEEPEST, faces.azimuth.y * STEEPEST];
+    let of_ray = |k: usize, meeting: usize| match (k / 2 == meeting, k % 2) {
+        (false, _) => [0.0; 2],
+        (true, 0) => steep,
+        (true, _) => steep.map(|slope| -slope),
+    };
+    let facets: Vec<Vec<[f64; 2]>> =
+        (0..depth).map(|meeting| (0..2 * depth).map(|k| of_ray(k, meeting)).collect()).collect();
+    let mut of_rare = AtAngle { cuts: sums.cuts.clone(), ..AtAngle::new(sums.weights.len()) };
+    let mut batch = Batch {
+        faces,
+        shares,
+        tree,
+        cos_i,
+        sums: &mut of_rare,
+        behind: &mut vec![Behind::default(); tree.cuts],
+        facets: &facets,
+        of_rays: vec![0.0; 2 * depth],
+        peaks: vec![0.0; 2 * depth],
+        lost: 0.0,
+    };
+    batch.follow(faces.camera_rays(cos_i, 0, 2 * depth));
+    sums.cut_peak = batch.peaks.into_iter().fold(sums.cut_peak, f64::max);
+    for (peak, rare) in sums.peaks.iter_mut().zip(of_rare.peaks) {
+        *peak = peak.max(rare);
+    }
+}
+
+impl Batch<'_, '_> {
     /// Follows rays from the first node along all branches.
     fn follow(&mut self, rays: Vec<Ray>) {
         let mut arrived = vec![vec![]; self.tree.nodes.len()];
@@ -296,12 +373,14 @@ impl Batch<'_> {
             for (reflects, rays) in [false, true].into_iter().zip(split) {
                 let meeting = Meeting { face: node.face, inward: node.inward, reflects };
                 match node.branches[usize::from(reflects)] {
-                    Branch::To(next) => arrived[next] = rays,
+                    Branch::To(next) => {
+                        arrived[next] = rays.into_iter().map(|(ray, _)| ray).collect();
+                    }
                     Branch::Leaf(path) => {
-                        for weights in rays.iter().map(Ray::weights) {
-                            (0..3).for_each(|c| self.sums.weights[path][c] += weights[c]);
+                        for (ray, mean) in rays {
+                            (0..3).for_each(|c| self.sums.weights[path][c] += mean[c]);
                             let peak = &mut self.sums.peaks[path];
-                            *peak = weights.into_iter().fold(*peak, f64::max);
+                            *peak = ray.weights().into_iter().fold(*peak, f64::max);
                         }
                     }
                     Branch::Cut(cut) => self.cut((meeting, cut), &rays),
@@ -310,34 +389,28 @@ impl Batch<'_> {
         }
     }
 
-    /// Splits rays at a node: into those that pass and those that are reflected.
-    fn split(&mut self, node: &Node, rays: &[Ray]) -> [Vec<Ray>; 2] {
-        while self.facets.len() <= node.depth {
-            let seed = PixelSeed::new(0, 0, 0).of_meeting(self.facets.len() as u32);
-            let of = |index: u32| {
-                let [u, v, ..] = sample(&seed, index);
-                facet_at([u, v])
-            };
-            self.facets.push((self.first..self.first + BATCH).map(of).collect());
-        }
-        let mut split: [Vec<Ray>; 2] = [vec![], vec![]];
+    /// Splits rays at a node: into those that pass and those that are reflected, each with its mean weights over all facets.
+    fn split(&mut self, node: &Node, rays: &[Ray]) -> [Vec<(Ray, [f64; 3])>; 2] {
+        let at = At { face: node.face, inward: node.inward, cos_i: self.cos_i };
+        let mut split: [Vec<(Ray, [f64; 3])>; 2] = [vec![], vec![]];
         for (ray, facet) in rays.iter().zip(&self.facets[node.depth]) {
-            let both = self.faces.split(ray, (node.face, node.inward), *facet, self.cos_i);
-            for (split, (ray, lost)) in split.iter_mut().zip(both) {
-                (0..3).for_each(|c| self.sums.lost[c] += lost[c]);
-                self.lost += lost.into_iter().fold(0.0, f64::max);
-                split.push(ray);
+            let (branches, lost) = self.shares.split(self.faces, ray, at, *facet);
+            (0..3).for_each(|c| self.sums.lost[c] += lost[c]);
+            self.lost += lost.into_iter().fold(0.0, f64::max);
+            for (split, of) in split.iter_mut().zip(branches) {
+                split.push(of);
             }
         }
         split
     }
 
     /// Adds the light of a cut, and divides that of some of its rays.
-    fn cut(&mut self, (meeting, cut): (Meeting, usize), rays: &[Ray]) {
-        for (k, ray) in rays.iter().enumerate() {
+    fn cut(&mut self, (meeting, cut): (Meeting, usize), rays: &[(Ray, [f64; 3])]) {
+        for (k, (ray, mean)) in rays.iter().enumerate() {
+            (0..3).for_each(|c| self.sums.cuts[cut][c] += mean[c]);
+            self.of_rays[k] += mean.iter().copied().fold(0.0, f64::max);
             let light = ray.weights();
-            (0..3).for_each(|c| self.sums.cuts[cut][c] += light[c]);
-            self.of_rays[k] += light.into_iter().fold(0.0, f64::max);
+            self.peaks[k] += light.into_iter().fold(0.0, f64::max);
             if k % DIVIDING == 0 && light != [0.0; 3] {
                 let Escaped { left, trapped } = self.faces.escape(ray, meeting, self.cos_i);
                 let behind = &mut self.behind[cut];

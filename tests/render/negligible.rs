@@ -1,0 +1,107 @@
+//! Features of a pane around the movement of a line below which they are off.
+
+use render::Loaded;
+use render::layer::Layer;
+use render::line::{Roots, parse_scene};
+use render::merge::Tuple;
+use render::trace::Isa;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+/// Movement below which a feature is off, px.
+const LEAST_PX: f64 = 1.0e-3;
+
+fn render(folder: &Path, glass: &str) -> Tuple {
+    let photographs = procedural::listing(2, 7);
+    let photograph = |index: usize| {
+        let p = &photographs[index];
+        if !folder.join(p.color_path()).is_file() {
+            procedural::write(folder, p, 64, 48).unwrap();
+        }
+        let intrinsics = serde_json::to_string(&procedural::intrinsics(64, 48)).unwrap();
+        format!(
+            r#""color":"{}","depth":"{}","mask":"{}","intrinsics":{intrinsics}"#,
+            p.color_path().display(),
+            p.depth_path().display(),
+            p.mask_path().display()
+        )
+    };
+    let text = format!(
+        r#"{{"schema":"glasshouse.scene/1","id":"negligible","seed":5,
+            "film":{{"width":48,"height":32,"spp":64}},
+            "camera":{{"focal_length_mm":55.0,"aperture_radius_m":0.005,"focus":{{"distance_m":3.0}}}},
+            "glass":{{"distance_m":0.3,"tilt_deg":[8,25],{glass}}},
+            "front":{{{}}},"back":{{{}}}}}"#,
+        photograph(0),
+        photograph(1)
+    );
+    let line = parse_scene(&text).unwrap();
+    let loaded = Loaded::read(line, &Roots::default(), folder).unwrap();
+    loaded.tuple(16, Isa::detect(), &AtomicBool::new(false), &|| {}).unwrap().unwrap()
+}
+
+#[test]
+fn tiny_features_are_off_and_the_next_larger_hardly_show() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = r#""thickness_m":0.006,"ior":1.52"#;
+    let double = |wedge: &str| {
+        format!(
+            r#""layers":[{{"glass_m":0.004,"ior":1.52}},{{"gap_m":0.012{wedge}}},{{"glass_m":0.004,"ior":1.52}}]"#
+        )
+    };
+    type Glass<'a> = Box<dyn Fn(f64) -> String + 'a>;
+    let features: [(&str, Glass); 5] = [
+        ("roughness", Box::new(|v| format!(r#"{plain},"roughness":{v:e}"#))),
+        ("roughness", Box::new(|v| format!(r#"{},"roughness":{v:e}"#, double("")))),
+        (
+            "wave",
+            Box::new(|v| {
+                format!(
+                    r#"{plain},"wave":{{"amplitude_m":{v:e},"length_m":0.3,"direction_deg":20}}"#
+                )
+            }),
+        ),
+        ("wedge", Box::new(|v| double(&format!(r#","wedge_deg":[{v:e},{v:e}]"#)))),
+        // A bend is tiny if its radius is large.
+        ("bow", Box::new(|v| format!(r#"{plain},"bow_radius_m":{:e}"#, 1.0 / v))),
+    ];
+    for (name, glass) in features {
+        let stated = |tuple: &Tuple| {
+            let negligible = tuple.record.facts.negligible;
+            let of = [
+                ("roughness", negligible.roughness),
+                ("wave", negligible.wave),
+                ("wedge", negligible.wedge),
+                ("bow", negligible.bow),
+            ];
+            of.into_iter().find(|(of, _)| *of == name).and_then(|(_, px)| px)
+        };
+        let tiny = 1.0e-10;
+        let at_tiny_px = stated(&render(folder.path(), &glass(tiny))).unwrap();
+        let of_px = |px: f64| render(folder.path(), &glass(tiny * px / at_tiny_px));
+        let is_double = glass(tiny).contains("layers");
+        let without = render(folder.path(), &if is_double { double("") } else { plain.to_owned() });
+        let (half, twice) = (of_px(0.5 * LEAST_PX), of_px(2.0 * LEAST_PX));
+        assert!((stated(&half).unwrap() / (0.5 * LEAST_PX) - 1.0).abs() < 1e-3);
+        assert_eq!(stated(&twice), None);
+        let facts = &twice.record.facts;
+        // A photograph's texel is larger than a pixel, so lines that move by a pixel change by less than the radiance.
+        let radiance = facts.max_radiance.front.max(facts.max_radiance.back);
+        let moved = 2.0 * LEAST_PX * radiance;
+        let misplaced = facts.dropped.front + facts.dropped.back + facts.shadowed;
+        let mut largest = 0.0f64;
+        for layer in Layer::ALL {
+            let of = |tuple: &Tuple| tuple.layers[layer].as_flattened().to_vec();
+            let (without, half, twice) = (of(&without), of(&half), of(&twice));
+            assert!(without == half, "{name}: {} differs", layer.name());
+            for (a, b) in without.iter().zip(&twice) {
+                largest = largest.max(f64::from((a - b).abs()));
+            }
+        }
+        println!(
+            "{name}: on differs by {largest:.1e}; moved light {moved:.1e}, misplaced {misplaced:.1e}"
+        );
+        assert!(largest <= moved + misplaced, "{name}");
+        assert!(largest > 0.0, "{name} is off");
+    }
+}
