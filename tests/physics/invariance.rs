@@ -3,6 +3,7 @@
 use crate::case::{Apex, Case, Photo, noise, whole_film};
 use crate::cover::{noisy_card, small_window};
 use crate::mesh::rooms;
+use crate::panes::pane;
 use crate::stack::{coated_double_pane, double_pane};
 use render::layer::{Layer, PerLayer};
 use render::trace::{Isa, PixelMeans, Scene, Tile, trace_tile};
@@ -79,6 +80,23 @@ fn instruction_sets_and_tiles_give_the_same_bits() {
         }
         for side in [16, 64, 100] {
             assert!(whole == bits(&tiled(&scene, side, fastest)), "tiles of {side}");
+        }
+    }
+}
+
+/// Waves, wedges, smudges, coatings and roughness, in tiles from a single pixel on.
+#[test]
+fn random_panes_have_the_same_bits_in_tiles_of_any_size() {
+    for number in 0..16 {
+        let (mut case, _) = pane(number);
+        (case.film, case.spp) = ([19, 13], 16);
+        let scene = case.scene();
+        let whole = bits(&whole_film(&scene, Isa::Baseline).pixels);
+        for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+            for side in [1, 7, 16_384] {
+                let tiles = bits(&tiled(&scene, side, isa));
+                assert!(whole == tiles, "pane {number}, {isa:?}, tiles of {side}");
+            }
         }
     }
 }
