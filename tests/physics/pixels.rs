@@ -220,21 +220,19 @@ fn rough_panes_match_with_every_other_feature() {
     compare("steps and noise, alpha 0.02", &case);
     (case.tilt_deg, case.gaussian) = ([0.0, 40.0], true);
     case.roughness = Some(vec![0.1, 0.03]);
-    // Single pixels differ by up to 7e-4, probably by rays that leave near the critical angle, whose rounding to f32 is magnified.
-    compare_within("steps and noise, alpha 0.1 and 0.03, tilt 40, Gaussian", &case, 1e-5);
+    compare("steps and noise, alpha 0.1 and 0.03, tilt 40, Gaussian", &case);
     (case.tilt_deg, case.apex) = ([-12.0, 20.0], Apex::Camera);
     case.absorption_per_m = [3.0, 1.0, 8.0];
-    let name = "steps and noise, camera, alpha 0.1 and 0.03, tilt -12 20, absorbing";
-    compare_within(name, &case, 1e-5);
+    compare("steps and noise, camera, alpha 0.1 and 0.03, tilt -12 20, absorbing", &case);
     case.bow_radius_m = Some(-3.0);
     let name = "steps and noise, camera, alpha 0.1 and 0.03, radius -3 m, tilt, absorbing";
+    // One weak ray crosses a depth edge.
     compare_within(name, &case, 1e-5);
     (case.bow_radius_m, case.tilt_deg) = (Some(6.0), [0.0; 2]);
     let card = noisy_card(0.7, [0.1, 0.0], 0.4, 3);
     case.covered.edges = Some(edges());
     case.covered.cards = [vec![card.clone()], vec![card]];
-    let name = "steps and noise, camera, alpha 0.1 and 0.03, radius 6 m, frame and cards";
-    compare_within(name, &case, 1e-5);
+    compare("steps and noise, camera, alpha 0.1 and 0.03, radius 6 m, frame and cards", &case);
     (case.bow_radius_m, case.apex) = (None, Apex::Mirror);
     case.stack = Some(coated_double_pane());
     case.roughness = Some(vec![0.01, 0.0, 0.0, 0.04]);
