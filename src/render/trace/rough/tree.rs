@@ -20,7 +20,9 @@ const BATCH: u32 = 64;
 const BATCHES: [u32; 2] = [2, 16];
 const PRECISION: f64 = 0.1;
 const ABSOLUTE: f64 = 2.0e-5;
-/// Mean lost light below which no ray of an image loses any that shows.
+/// A pixel may have more of the rare rays that lose light than its share: the bound adds this share of all light, unless the mean is
+/// below the other, so that no ray of an image loses any that shows.
+const RARELY_LOST: f64 = 5.0e-5;
 const LEAST_LOST: f64 = 1.0e-9;
 /// Number of standard errors that the bounds add to the means, beside `PRECISION` of these for what lies between the angles.
 const CERTAINTY: f64 = 3.0;
@@ -249,8 +251,7 @@ pub(super) fn measure(
     let shadowed = largest(&|sums, c| {
         (1.0 + PRECISION) * sums.lost[c] / sums.rays + CERTAINTY * sums.errors[1]
     });
-    // A pixel may have more of the rare rays that lose light than its share.
-    let shadowed = if shadowed > LEAST_LOST { shadowed + ABSOLUTE } else { shadowed };
+    let shadowed = if shadowed > LEAST_LOST { shadowed + RARELY_LOST } else { shadowed };
     let max_weights =
         (0..paths).map(|path| largest(&|sums, c| sums.weights[path][c] / sums.rays)).collect();
     let peaks = (0..paths).map(|path| largest(&|sums, _| sums.peaks[path])).collect();
