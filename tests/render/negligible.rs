@@ -11,6 +11,18 @@ use std::sync::atomic::AtomicBool;
 /// Movement below which a feature is off, px.
 const LEAST_PX: f64 = 1.0e-3;
 
+/// Makes the keys of a pane with this value of a feature.
+type Glass = fn(f64) -> String;
+
+/// A pane of one layer.
+const PLAIN: &str = r#""thickness_m":0.006,"ior":1.52"#;
+
+/// Returns a double pane, with these keys in its gap.
+fn double(gap: &str) -> String {
+    let glass = r#"{"glass_m":0.004,"ior":1.52}"#;
+    format!(r#""layers":[{glass},{{"gap_m":0.012{gap}}},{glass}]"#)
+}
+
 fn render(folder: &Path, glass: &str) -> Tuple {
     let photographs = procedural::listing(2, 7);
     let photograph = |index: usize| {
@@ -43,27 +55,16 @@ fn render(folder: &Path, glass: &str) -> Tuple {
 #[test]
 fn tiny_features_are_off_and_the_next_larger_hardly_show() {
     let folder = tempfile::tempdir().unwrap();
-    let plain = r#""thickness_m":0.006,"ior":1.52"#;
-    let double = |wedge: &str| {
-        format!(
-            r#""layers":[{{"glass_m":0.004,"ior":1.52}},{{"gap_m":0.012{wedge}}},{{"glass_m":0.004,"ior":1.52}}]"#
-        )
-    };
-    type Glass<'a> = Box<dyn Fn(f64) -> String + 'a>;
     let features: [(&str, Glass); 5] = [
-        ("roughness", Box::new(|v| format!(r#"{plain},"roughness":{v:e}"#))),
-        ("roughness", Box::new(|v| format!(r#"{},"roughness":{v:e}"#, double("")))),
-        (
-            "wave",
-            Box::new(|v| {
-                format!(
-                    r#"{plain},"wave":{{"amplitude_m":{v:e},"length_m":0.3,"direction_deg":20}}"#
-                )
-            }),
-        ),
-        ("wedge", Box::new(|v| double(&format!(r#","wedge_deg":[{v:e},{v:e}]"#)))),
+        ("roughness", |v| format!(r#"{PLAIN},"roughness":{v:e}"#)),
+        ("roughness", |v| format!(r#"{},"roughness":{v:e}"#, double(""))),
+        ("wave", |v| {
+            let wave = format!(r#"{{"amplitude_m":{v:e},"length_m":0.3,"direction_deg":20}}"#);
+            format!(r#"{PLAIN},"wave":{wave}"#)
+        }),
+        ("wedge", |v| double(&format!(r#","wedge_deg":[{v:e},{v:e}]"#))),
         // A bend is tiny if its radius is large.
-        ("bow", Box::new(|v| format!(r#"{plain},"bow_radius_m":{:e}"#, 1.0 / v))),
+        ("bow", |v| format!(r#"{PLAIN},"bow_radius_m":{:e}"#, 1.0 / v)),
     ];
     for (name, glass) in features {
         let stated = |tuple: &Tuple| {
@@ -80,7 +81,7 @@ fn tiny_features_are_off_and_the_next_larger_hardly_show() {
         let at_tiny_px = stated(&render(folder.path(), &glass(tiny))).unwrap();
         let of_px = |px: f64| render(folder.path(), &glass(tiny * px / at_tiny_px));
         let is_double = glass(tiny).contains("layers");
-        let without = render(folder.path(), &if is_double { double("") } else { plain.to_owned() });
+        let without = render(folder.path(), &if is_double { double("") } else { PLAIN.to_owned() });
         let (half, twice) = (of_px(0.5 * LEAST_PX), of_px(2.0 * LEAST_PX));
         assert!((stated(&half).unwrap() / (0.5 * LEAST_PX) - 1.0).abs() < 1e-3);
         assert_eq!(stated(&twice), None);
