@@ -221,7 +221,7 @@ impl RoughPane {
         let across = (DVec3::X - normal * normal.x).normalize();
         let axes = [across, normal.cross(across), normal];
         let curvature_per_m = shape.bow.map_or(0.0, |bow| bow.curvature_per_m);
-        // A flat ray in a bent pane misses the inner sphere, and one before turned faces may leave the next face behind.
+        // A flat ray in a bent pane misses the inner sphere.
         let miss_cos = (2.0 * stack.thickness_m() * curvature_per_m.abs()).sqrt();
         let least_cos = miss_cos.max(f64::from(LEAST_COS));
         let between = [between[0].max(least_cos), between[1].min(1.0)];
