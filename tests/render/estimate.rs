@@ -1,50 +1,49 @@
 //! Compares the stated errors of tuples with their differences from a reference of 8,192 samples.
 
-use render::job::{SceneJob, render_partials};
-use render::line::{Roots, SceneLine, parse_scene};
-use render::merge::{Tuple, combine};
-
+use render::Loaded;
 use render::layer::Layer;
-use render::scene::{load, read_files};
-use render::shard::ShardLayout;
+use render::line::{Roots, parse_scene};
+use render::merge::Tuple;
 use render::trace::Isa;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-fn line(folder: &Path, apex: &str, spp: u32, seed: u64) -> SceneLine {
+/// Renders a scene of two procedural photographs of this size, given the keys of its sides.
+pub(crate) fn render_example(
+    folder: &Path,
+    size: [u32; 2],
+    scene: impl FnOnce([String; 2]) -> String,
+) -> Tuple {
+    let [width, height] = size;
     let photographs = procedural::listing(2, 7);
-    let photograph = |index: usize| {
+    let sides = [0, 1].map(|index: usize| {
         let p = &photographs[index];
         if !folder.join(p.color_path()).is_file() {
-            procedural::write(folder, p, 256, 192).unwrap();
+            procedural::write(folder, p, width, height).unwrap();
         }
-        let intrinsics = serde_json::to_string(&procedural::intrinsics(256, 192)).unwrap();
+        let intrinsics = serde_json::to_string(&procedural::intrinsics(width, height)).unwrap();
         format!(
             r#""color":"{}","depth":"{}","mask":"{}","intrinsics":{intrinsics}"#,
             p.color_path().display(),
             p.depth_path().display(),
             p.mask_path().display()
         )
-    };
-    let text = format!(
-        r#"{{"schema":"glasshouse.scene/1","id":"estimate","seed":{seed},
-            "film":{{"width":64,"height":64,"spp":{spp}}},
-            "camera":{{"focal_length_mm":55.0,"aperture_radius_m":0.02,"focus":{{"distance_m":3.0}}}},
-            "glass":{{"distance_m":0.3,"thickness_m":0.01,"ior":1.6}},
-            "front":{{{}}},"back":{{{},"apex":"{apex}"}}}}"#,
-        photograph(0),
-        photograph(1)
-    );
-    parse_scene(&text).unwrap()
+    });
+    let line = parse_scene(&scene(sides)).unwrap();
+    let loaded = Loaded::read(line, &Roots::default(), folder).unwrap();
+    loaded.tuple(32, Isa::detect(), &AtomicBool::new(false), &|| {}).unwrap().unwrap()
 }
 
 fn render(folder: &Path, apex: &str, spp: u32, seed: u64) -> Tuple {
-    let line = line(folder, apex, spp, seed);
-    let loaded = load(&line, &read_files(&line, &Roots::default(), folder).unwrap()).unwrap();
-    let job = SceneJob::new(&line, ShardLayout::of(&line, 32), loaded);
-    let stop = AtomicBool::new(false);
-    let partials = render_partials(&job, 2, Isa::detect(), &stop, &|| ()).unwrap();
-    combine(&line, 32, &partials).unwrap()
+    render_example(folder, [256, 192], |[front, back]| {
+        format!(
+            r#"{{"schema":"glasshouse.scene/1","id":"estimate","seed":{seed},
+                "film":{{"width":64,"height":64,"spp":{spp}}},
+                "camera":{{"focal_length_mm":55.0,"aperture_radius_m":0.02,"focus":{{"distance_m":3.0}}}},
+                "glass":{{"distance_m":0.3,"thickness_m":0.01,"ior":1.6}},
+                "front":{{{front}}},"back":{{{back},"apex":"{apex}"}}}}"#
+        )
+    })
 }
 
 #[test]

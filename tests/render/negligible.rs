@@ -1,12 +1,9 @@
 //! Features of a pane around the movement of a line below which they are off.
 
-use render::Loaded;
+use crate::estimate::render_example;
 use render::layer::Layer;
-use render::line::{Roots, parse_scene};
 use render::merge::Tuple;
-use render::trace::Isa;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 /// Movement below which a feature is off, px.
 const LEAST_PX: f64 = 1.0e-3;
@@ -24,32 +21,15 @@ fn double(gap: &str) -> String {
 }
 
 fn render(folder: &Path, glass: &str) -> Tuple {
-    let photographs = procedural::listing(2, 7);
-    let photograph = |index: usize| {
-        let p = &photographs[index];
-        if !folder.join(p.color_path()).is_file() {
-            procedural::write(folder, p, 64, 48).unwrap();
-        }
-        let intrinsics = serde_json::to_string(&procedural::intrinsics(64, 48)).unwrap();
+    render_example(folder, [64, 48], |[front, back]| {
         format!(
-            r#""color":"{}","depth":"{}","mask":"{}","intrinsics":{intrinsics}"#,
-            p.color_path().display(),
-            p.depth_path().display(),
-            p.mask_path().display()
+            r#"{{"schema":"glasshouse.scene/1","id":"negligible","seed":5,
+                "film":{{"width":48,"height":32,"spp":64}},
+                "camera":{{"focal_length_mm":55.0,"aperture_radius_m":0.005,"focus":{{"distance_m":3.0}}}},
+                "glass":{{"distance_m":0.3,"tilt_deg":[8,25],{glass}}},
+                "front":{{{front}}},"back":{{{back}}}}}"#
         )
-    };
-    let text = format!(
-        r#"{{"schema":"glasshouse.scene/1","id":"negligible","seed":5,
-            "film":{{"width":48,"height":32,"spp":64}},
-            "camera":{{"focal_length_mm":55.0,"aperture_radius_m":0.005,"focus":{{"distance_m":3.0}}}},
-            "glass":{{"distance_m":0.3,"tilt_deg":[8,25],{glass}}},
-            "front":{{{}}},"back":{{{}}}}}"#,
-        photograph(0),
-        photograph(1)
-    );
-    let line = parse_scene(&text).unwrap();
-    let loaded = Loaded::read(line, &Roots::default(), folder).unwrap();
-    loaded.tuple(16, Isa::detect(), &AtomicBool::new(false), &|| {}).unwrap().unwrap()
+    })
 }
 
 #[test]

@@ -78,8 +78,8 @@ impl MeanShares {
         (branches, weights(&lost, 0..3))
     }
 
-    /// Returns the mean shares of light with this cosine to the normal of a face. Between nodes of the convex loss, a straight line is
-    /// above it.
+    /// Returns the mean shares of light with this cosine to the normal of a face. Between nodes, a straight line is above the loss where
+    /// this is convex: everywhere but at the edge of total reflection, where it is of the order of alpha^2.
     fn at(&mut self, of: (Face, bool), cos: f64) -> Shares {
         let cos = cos.abs().min(1.0);
         if of.0.alpha == 0.0 {

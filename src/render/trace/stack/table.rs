@@ -37,10 +37,6 @@ pub struct StackOptics {
     cells_per_unit: f64,
     cells: usize,
     is_coloured: bool,
-    /// True if the search for orders met a bound of its work: there were too many paths to follow all of them, or too many to tabulate
-    /// their light to the usual error. The light that was not followed is in the last order of its side, and in the tails of the
-    /// [`OrderPlan`].
-    pub search_was_bounded: bool,
 }
 
 /// Shift and weights of one order.
@@ -101,7 +97,6 @@ impl StackOptics {
                 cells_per_unit: cells as f64 / span,
                 cells,
                 is_coloured: stack.is_coloured(),
-                search_was_bounded,
             };
             let plan = plan(&selection, max_radiance, tolerance);
             return (optics, OrderPlan { search_was_bounded, ..plan });
