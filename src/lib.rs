@@ -29,6 +29,8 @@ pub mod farm;
 
 mod outputs;
 
+mod made;
+
 // Data sets for other programs.
 pub mod export;
 

@@ -142,6 +142,14 @@ pub(super) struct StoreArgs {
     pub(super) store: Option<String>,
 }
 
+/// How a command that resumes looks at the results of earlier calls.
+#[derive(Clone, Debug, ClapArgs)]
+pub(super) struct VerifyArgs {
+    /// Read all bytes of earlier results and of their inputs, also where size, times and inode of a file are the same
+    #[arg(long)]
+    pub(super) verify: bool,
+}
+
 /// Keys and certificates for a NATS server.
 #[derive(Clone, Debug, ClapArgs)]
 #[command(next_help_heading = FARM)]

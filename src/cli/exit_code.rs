@@ -152,8 +152,12 @@ exit_codes! {
     crate::farm::queue::QueueError {
         _ => Usage,
     }
+    crate::made::MadeError {
+        (Store) => its_own,
+        Read => Failed,
+    }
     crate::export::ExportError {
-        (Store | Run) => its_own,
+        (Store | Run | Made) => its_own,
         Request => Usage,
         Unfinished | Busy => TryAgain,
         Nothing => InvalidInput,
@@ -161,9 +165,9 @@ exit_codes! {
         Moved | Write | Read | Damaged | Encode => Failed,
     }
     crate::develop::DevelopError {
-        (Store | Run) => its_own,
+        (Store | Run | Made) => its_own,
         Foreign => Disagrees,
-        Threads | Write | Read | Damaged | NoInput | Encode => Failed,
+        Threads | Write | Read | Damaged | NoInput | Encode | Link => Failed,
     }
     crate::outputs::OutputsError {
         (Write) => its_own,

@@ -1,5 +1,6 @@
 //! Errors of developing a run.
 
+use crate::made::MadeError;
 use crate::run::AccessError;
 use crate::store::StoreError;
 use render::atomic_file::WriteError;
@@ -14,6 +15,10 @@ pub enum DevelopError {
     Store(#[from] StoreError),
     #[error(transparent)]
     Run(#[from] AccessError),
+    #[error(transparent)]
+    Made(#[from] MadeError),
+    #[error("{} is a link, and photographs are not written through links; remove it, or give another --out", path.display())]
+    Link { path: PathBuf },
     #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
     Read { path: PathBuf, source: io::Error },
     #[error(
@@ -42,6 +47,9 @@ pub enum DevelopError {
 impl DevelopError {
     /// True if the error concerns one scene alone, so that the others can go on.
     pub(super) fn is_of_tuple(&self) -> bool {
-        matches!(self, Self::Damaged { .. } | Self::NoInput { .. } | Self::Encode { .. })
+        matches!(
+            self,
+            Self::Damaged { .. } | Self::NoInput { .. } | Self::Encode { .. } | Self::Link { .. }
+        )
     }
 }

@@ -1,7 +1,7 @@
 //! Photographs of a run's tuples by another camera, without tracing: `OUT/<scene>/photo.jpg` and the others.
 //!
 //! `OUT/develop.json` identifies run and sensor; a scene's `photograph.json`, its last file, marks its photographs as complete,
-//! so that the same call resumes. Photographs are functions of the tuple, the scene's seed and the drawn sensor: the sensor of a
+//! so that the same call resumes; photographs of another tuple, and damaged ones, are made again. Photographs are functions of the tuple, the scene's seed and the drawn sensor: the sensor of a
 //! scene's line gives the bytes that the merge wrote.
 
 mod error;
@@ -10,14 +10,16 @@ mod scene;
 pub use error::DevelopError;
 pub use scene::{PHOTOGRAPH_RECORD, PHOTOGRAPHS_SCHEMA, PhotographsRecord};
 
+use crate::made::{Digests, Files, Remade};
 use crate::outputs::is_empty;
-use crate::run::{AccessError, Run, Scope, Snapshot};
+use crate::run::{AccessError, Run, Scope, Snapshot, keys};
 use crate::store::Store;
 use plan::SensorFile;
 use rayon::prelude::*;
 use render::atomic_file;
 use render::ids::SceneId;
 use render::line::{SENSOR_VERSION, SceneLine, Split};
+use scene::Photographed;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -50,6 +52,9 @@ pub struct Developed {
     pub scenes: u64,
     /// Number of scenes with photographs by earlier calls.
     pub scenes_resumed: u64,
+    /// Scenes of `scenes` whose photographs by earlier calls were not those of the present tuple and sensor.
+    #[serde(skip_serializing_if = "Remade::is_none")]
+    pub remade: Remade,
     /// Scenes without a tuple.
     pub missing: Vec<SceneId>,
     /// Scenes with an unusable tuple, and the reason.
@@ -66,6 +71,8 @@ pub struct DevelopWork<'a> {
     pub sensor: &'a SensorFile,
     pub splits: &'a BTreeSet<Split>,
     pub threads: usize,
+    /// True to read all photographs and tuples, also where nothing seems to have changed.
+    pub verify: bool,
     /// Flag that ends the call after the scenes in progress.
     pub stop: &'a AtomicBool,
     /// Called after each scene; true if an earlier call photographed it.
@@ -129,22 +136,28 @@ pub fn develop(
         .num_threads(work.threads)
         .build()
         .map_err(|e| DevelopError::Threads(e.to_string()))?;
+    let tuples = Files::objects(store, keys::TUPLES)?;
+    let digests = Digests::open(out, work.verify);
+    let places = scene::Places { store, tuples: &tuples, out, digests: &digests };
     let one = |line: &SceneLine| {
         if work.stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
-        let result = scene::photograph(store, line, &work.sensor.draw(line.id.as_str()), out);
-        match &result {
-            Ok(found) => (work.on_scene)(*found),
-            Err(_) => (work.on_scene)(false),
-        }
+        let result = scene::photograph(&places, line, &work.sensor.draw(line.id.as_str()));
+        (work.on_scene)(matches!(result, Ok(Photographed::Found)));
         result.map(Some)
     };
     let results: Vec<_> = pool.install(|| done.par_iter().map(|(_, line)| one(line)).collect());
+    digests.write(out)?;
     for ((_, line), result) in done.iter().zip(results) {
         match result {
-            Ok(Some(true)) => developed.scenes_resumed += 1,
-            Ok(Some(false)) => developed.scenes += 1,
+            Ok(Some(Photographed::Found)) => developed.scenes_resumed += 1,
+            Ok(Some(Photographed::Now(differences))) => {
+                developed.scenes += 1;
+                if !differences.is_empty() {
+                    developed.remade.add(1, &differences);
+                }
+            }
             Ok(None) => developed.stopped = true,
             Err(error) if error.is_of_tuple() => {
                 developed.failed.push((line.id.clone(), error.to_string()));

@@ -1,6 +1,7 @@
 //! The photographs of one scene.
 
 use super::error::DevelopError;
+use crate::made::{self, Difference, Digests, Files, Made};
 use crate::run::keys;
 use crate::store::Store;
 use bytes::Bytes;
@@ -40,22 +41,51 @@ pub struct PhotographsRecord {
     pub files: BTreeMap<String, String>,
 }
 
-/// Photographs a scene into `out/<scene>`. Returns true if an earlier call did.
+/// How a scene got its photographs.
+pub(super) enum Photographed {
+    /// By an earlier call.
+    Found,
+    /// By this call; the photographs of an earlier call differed by these files.
+    Now(Vec<Difference>),
+}
+
+/// The files of a call and its memory of digests.
+pub(super) struct Places<'a> {
+    pub(super) store: &'a Store,
+    /// The tuples' files.
+    pub(super) tuples: &'a Files<'a>,
+    pub(super) out: &'a Path,
+    pub(super) digests: &'a Digests,
+}
+
+/// Photographs a scene into `out/<scene>`, unless an earlier call did.
 pub(super) fn photograph(
-    store: &Store,
+    places: &Places,
     line: &SceneLine,
     sensor: &Sensor,
-    out: &Path,
-) -> Result<bool, DevelopError> {
+) -> Result<Photographed, DevelopError> {
+    let Places { store, tuples, out, digests } = *places;
     let folder = out.join(line.id.as_str());
-    if is_complete(&folder, line, sensor) {
-        return Ok(true);
+    if folder.is_symlink() {
+        return Err(DevelopError::Link { path: folder });
     }
+    let differences = match recorded(&folder, line, sensor)? {
+        None => vec![],
+        Some(None) => vec![Difference::File(format!("{}/{PHOTOGRAPH_RECORD}", line.id))],
+        Some(Some(made)) => {
+            let found = digests.differences(&made, tuples, &Files::results(out))?;
+            if found.is_empty() {
+                return Ok(Photographed::Found);
+            }
+            found
+        }
+    };
     let damaged = |name: &str, reason: &dyn std::fmt::Display| DevelopError::Damaged {
         file: keys::tuple(&line.id, name),
         reason: reason.to_string(),
     };
     let names = ["tuple.json", "tuple.exr"].map(|name| keys::tuple(&line.id, name));
+    let stamp = tuples.stamp(&names[1])?;
     let files: Vec<Option<Bytes>> = store.get_all(&names)?;
     let [Some(json), Some(exr)] = &files[..] else {
         return Err(damaged(
@@ -77,7 +107,10 @@ pub(super) fn photograph(
     let taken = PhotographRecord::new(sensor.exposure, &layers[Layer::Input]);
     let size = [line.film.width, line.film.height];
     atomic_file::create_dir(&folder)?;
-    let mut digests = BTreeMap::new();
+    let tuple_blake3 = made::digest(exr);
+    digests.remember(tuples, &names[1], stamp, &tuple_blake3);
+    let mut written = BTreeMap::new();
+    let results = Files::results(out);
     for name in photographs(&scene) {
         let layer = photographed_layer(name).expect("the name is one of a photograph");
         let file =
@@ -86,31 +119,44 @@ pub(super) fn photograph(
                     scene: line.id.to_string(),
                     reason: e.to_string(),
                 })?;
-        digests.insert(name.to_owned(), blake3::hash(&file).to_hex().to_string());
+        let digest = made::digest(&file);
         atomic_file::write(&folder.join(name), &file)?;
+        let path = format!("{}/{name}", line.id);
+        digests.remember(&results, &path, results.stamp(&path)?, &digest);
+        written.insert(name.to_owned(), digest);
     }
     let record = PhotographsRecord {
         schema: PHOTOGRAPHS_SCHEMA.to_owned(),
         scene: line.id.clone(),
         split: line.split,
         photographs: taken,
-        tuple_blake3: blake3::hash(exr).to_hex().to_string(),
+        tuple_blake3,
         sensor: sensor.clone(),
-        files: digests,
+        files: written,
     };
     let json = serde_json::to_string_pretty(&record).expect("the record is plain data");
     atomic_file::write(&folder.join(PHOTOGRAPH_RECORD), format!("{json}\n").as_bytes())?;
-    Ok(false)
+    Ok(Photographed::Now(differences))
 }
 
-/// True if the folder has the complete photographs of a scene by a sensor. Damage is left to the digests.
-fn is_complete(folder: &Path, line: &SceneLine, sensor: &Sensor) -> bool {
-    let Ok(json) = render::input_file::read(&folder.join(PHOTOGRAPH_RECORD)) else {
-        return false;
-    };
-    serde_json::from_slice::<PhotographsRecord>(&json).is_ok_and(|record| {
-        record.scene == line.id
-            && record.sensor == *sensor
-            && record.files.keys().all(|name| folder.join(name).is_file())
-    })
+/// Returns the digests of an earlier call's photographs by this sensor: none if there is no record, and none inside if it is damaged
+/// or that of another scene or sensor.
+fn recorded(
+    folder: &Path,
+    line: &SceneLine,
+    sensor: &Sensor,
+) -> Result<Option<Option<Made>>, DevelopError> {
+    let path = folder.join(PHOTOGRAPH_RECORD);
+    let json = render::input_file::read_if_there(&path)
+        .map_err(|source| DevelopError::Read { path, source })?;
+    let Some(json) = json else { return Ok(None) };
+    let record = serde_json::from_slice::<PhotographsRecord>(&json).ok();
+    let record = record.filter(|record| record.scene == line.id && record.sensor == *sensor);
+    Ok(Some(record.map(|record| {
+        let files = record.files.into_iter();
+        Made {
+            of: [(keys::tuple(&line.id, "tuple.exr"), record.tuple_blake3)].into(),
+            files: files.map(|(name, digest)| (format!("{}/{name}", line.id), digest)).collect(),
+        }
+    })))
 }

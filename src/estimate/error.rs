@@ -1,5 +1,6 @@
 //! Errors of estimating a folder's depth.
 
+use crate::made::MadeError;
 use render::atomic_file::WriteError;
 use std::io;
 use std::path::PathBuf;
@@ -8,6 +9,8 @@ use std::path::PathBuf;
 pub enum EstimateError {
     #[error(transparent)]
     Write(#[from] WriteError),
+    #[error(transparent)]
+    Made(#[from] MadeError),
     #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
     Read { path: PathBuf, source: io::Error },
     #[error("cannot remove {}: {source}; check the folder's permissions", path.display())]

@@ -1,17 +1,21 @@
 //! `depth`: a folder of pictures to depth maps and a list for recipes.
 //!
 //! `OUT/depth.json` identifies weights and settings. Pictures are linked (or copied) beside their depth maps, because a list's
-//! paths lie below one root. A picture is done when its depth map and its link exist, and the link has its bytes: a picture that
-//! was replaced is estimated again. The list `OUT/photographs.jsonl` is written after each call, with all pictures that are done.
+//! paths lie below one root. A picture is done when `OUT/made.jsonl` has its digest, and those of its link and its depth map: a picture
+//! that was replaced or rewritten is estimated again, and so is one whose map was damaged. The list `OUT/photographs.jsonl` is written after each call, with all pictures that are done.
 
 mod error;
 mod picture;
 
 pub use error::EstimateError;
 
+use crate::made::{
+    DEPTH_RECORD_SCHEMA, DEPTH_RECORDS, DepthRecord, Difference, Digests, Files, Made, Remade,
+    depth_records,
+};
 use crate::outputs::is_empty;
 use depth::{DepthMap, DepthNet, Model};
-use picture::{is_linked, link, read_rgb, remove};
+use picture::{link, read_rgb, remove};
 use plan::{FolderPicture, FolderPictures};
 use render::atomic_file;
 use render::formats::encode_npy;
@@ -53,6 +57,9 @@ pub struct Estimated {
     pub pictures: u64,
     /// Number of pictures with a depth map by earlier calls.
     pub pictures_resumed: u64,
+    /// Pictures of `pictures` whose depth map by an earlier call was not that of the present picture.
+    #[serde(skip_serializing_if = "Remade::is_none")]
+    pub remade: Remade,
     /// Pictures without a depth map, and the reason.
     pub failed: Vec<(String, String)>,
     /// True if the stop flag ended the call early; the same call resumes.
@@ -66,6 +73,8 @@ pub struct EstimateWork<'a> {
     pub request: &'a DepthRequest,
     /// Mean depth of relative maps in the list, m; by place if `None`.
     pub mean_m: Option<f64>,
+    /// True to read all pictures and depth maps, also where nothing seems to have changed.
+    pub verify: bool,
     /// Flag that ends the call after the picture in progress.
     pub stop: &'a AtomicBool,
     /// Called after each picture; true if an earlier call estimated it.
@@ -118,6 +127,8 @@ pub fn estimate(
     work.request.claim(out)?;
     let mut estimated = Estimated { failed: found.unreadable.clone(), ..Estimated::default() };
     let (mut taken, mut listed) = (BTreeSet::new(), Vec::new());
+    let (records, digests) = (depth_records(out)?, Digests::open(out, work.verify));
+    let [pictures, results] = [Files::inputs(folder), Files::results(out)];
     for picture in &found.pictures {
         let name = &picture.photograph.color;
         let map = depth_path(name);
@@ -127,13 +138,21 @@ pub fn estimate(
             continue;
         }
         let [from, target, copy] = [folder.join(name), out.join(&map), out.join(name)];
-        let is_done = target.is_file() && is_linked(&from, &copy);
+        let differences = match records.get(name) {
+            Some(made) => Some(digests.differences(made, &pictures, &results)?),
+            None if target.is_file() => {
+                Some(vec![Difference::FileGone(format!("a line of {map} in {DEPTH_RECORDS}"))])
+            }
+            None => None,
+        };
+        let is_done = differences.as_ref().is_some_and(Vec::is_empty);
         if is_done {
             estimated.pictures_resumed += 1;
         } else if work.stop.load(Ordering::Relaxed) {
             estimated.stopped = true;
             continue;
         } else {
+            let before = digests.of(&pictures, name)?;
             match one(work.net, &from, picture) {
                 Ok(depth) => {
                     create_parent(&target)?;
@@ -143,7 +162,13 @@ pub fn estimate(
                     let shape = [depth.height, depth.width];
                     let npy = encode_npy(&shape, &depth.values, ExrPrecision::Float);
                     atomic_file::write(&target, &npy)?;
+                    record(out, name, (before, [name, &map]), &digests)?;
+                    // The link changed the time of the picture's inode.
+                    digests.of(&pictures, name)?;
                     estimated.pictures += 1;
+                    if let Some(differences) = differences {
+                        estimated.remade.add(1, &differences);
+                    }
                 }
                 Err(reason) => {
                     estimated.failed.push((name.clone(), reason));
@@ -155,11 +180,33 @@ pub fn estimate(
         (work.on_picture)(is_done);
         listed.push(line(picture, &map, work).to_string());
     }
+    digests.write(out)?;
     if !listed.is_empty() {
         let list = listed.join("\n") + "\n";
         atomic_file::write(&out.join(PHOTOGRAPH_LIST), list.as_bytes())?;
     }
     Ok(estimated)
+}
+
+/// Records the digests of a picture before it was read, and of its files.
+fn record(
+    out: &Path,
+    picture: &str,
+    (before, files): (Option<String>, [&str; 2]),
+    digests: &Digests,
+) -> Result<(), EstimateError> {
+    let mut made = Made {
+        of: before.map(|of| (picture.to_owned(), of)).into_iter().collect(),
+        ..Made::default()
+    };
+    for file in files {
+        let digest = digests.of(&Files::results(out), file)?;
+        made.files.extend(digest.map(|digest| (file.to_owned(), digest)));
+    }
+    let record =
+        DepthRecord { schema: DEPTH_RECORD_SCHEMA.to_owned(), picture: picture.to_owned(), made };
+    let line = serde_json::to_string(&record).expect("texts are JSON");
+    Ok(atomic_file::append_line(&out.join(DEPTH_RECORDS), &line)?)
 }
 
 fn create_parent(path: &Path) -> Result<(), EstimateError> {

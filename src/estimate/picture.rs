@@ -22,12 +22,6 @@ pub(super) fn read_rgb(path: &Path, transfer: Transfer) -> Result<RgbImage, Stri
         .ok_or_else(|| "its size is too large".to_owned())
 }
 
-/// True if `to` has the bytes of `from`.
-pub(super) fn is_linked(from: &Path, to: &Path) -> bool {
-    let [from, to] = [from, to].map(render::input_file::read);
-    matches!((from, to), (Ok(from), Ok(to)) if from == to)
-}
-
 /// Removes a file, if it exists.
 pub(super) fn remove(path: &Path) -> Result<(), EstimateError> {
     match std::fs::remove_file(path) {

@@ -1,5 +1,6 @@
-//! SHA-256 digests of exported files, in the form of `sha256sum` and Croissant.
+//! Digests of exported files: SHA-256 in the form of `sha256sum` and Croissant, and BLAKE3.
 
+use crate::made;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
@@ -14,6 +15,9 @@ pub(super) struct FileRecord {
     pub(super) bytes: u64,
     /// SHA-256, 64 hexadecimal digits.
     pub(super) sha256: String,
+    /// BLAKE3, 64 hexadecimal digits: by it, a later call recognises the file.
+    #[serde(default)]
+    pub(super) blake3: String,
 }
 
 impl FileRecord {
@@ -22,6 +26,7 @@ impl FileRecord {
             path: path.to_owned(),
             bytes: bytes.len() as u64,
             sha256: hex(&Sha256::digest(bytes)),
+            blake3: made::digest(bytes),
         }
     }
 
@@ -42,12 +47,13 @@ fn hex(digest: &[u8]) -> String {
 pub(super) struct Digesting<W> {
     inner: W,
     sha256: Sha256,
+    blake3: blake3::Hasher,
     bytes: u64,
 }
 
 impl<W: Write> Digesting<W> {
     pub(super) fn new(inner: W) -> Self {
-        Self { inner, sha256: Sha256::new(), bytes: 0 }
+        Self { inner, sha256: Sha256::new(), blake3: blake3::Hasher::new(), bytes: 0 }
     }
 
     /// Returns the inner writer and the record of the bytes.
@@ -56,6 +62,7 @@ impl<W: Write> Digesting<W> {
             path: path.to_owned(),
             bytes: self.bytes,
             sha256: hex(&self.sha256.finalize()),
+            blake3: self.blake3.finalize().to_hex().to_string(),
         };
         (self.inner, record)
     }
@@ -65,6 +72,7 @@ impl<W: Write> Write for Digesting<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let count = self.inner.write(bytes)?;
         self.sha256.update(&bytes[..count]);
+        self.blake3.update(&bytes[..count]);
         self.bytes += count as u64;
         Ok(count)
     }

@@ -1,5 +1,6 @@
 //! Errors of an export.
 
+use crate::made::MadeError;
 use crate::run::AccessError;
 use crate::store::StoreError;
 use render::atomic_file::WriteError;
@@ -14,6 +15,8 @@ pub enum ExportError {
     Store(#[from] StoreError),
     #[error(transparent)]
     Run(#[from] AccessError),
+    #[error(transparent)]
+    Made(#[from] MadeError),
     #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
     Read { path: PathBuf, source: io::Error },
     #[error("{0}")]

@@ -10,6 +10,7 @@ use super::metadata::listing_file;
 use super::part::PartRecord;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, REQUEST_FILE};
+use crate::made::Made;
 use crate::run::Run;
 use render::atomic_file::{self, PendingFile, WriteError};
 use render::line::Split;
@@ -28,7 +29,10 @@ pub(super) struct Total {
     pub(super) bytes: u64,
 }
 
-/// Writes metadata, card, Croissant and `SHA256SUMS`, then removes the parts' records. All parts must be complete.
+/// Record of the files that belong to no part.
+pub(super) const FINISH_RECORD: &str = ".export/finish.json";
+
+/// Writes metadata, card, Croissant and `SHA256SUMS`, and records them. All parts must be complete.
 pub(super) fn finish(
     run: &Run,
     plan: &ExportPlan,
@@ -85,11 +89,15 @@ pub(super) fn finish(
     for file in &named {
         put(file)?;
     }
+    let mut made = Made::default();
+    made.files.extend(named.into_iter().map(|file| (file.path, file.blake3)));
     for &split in &plan.request.splits {
         each_part(folder, split, |part| part.files.iter().try_for_each(&mut put))?;
     }
-    sums.finish()?;
-    folder.forget_state()?;
+    let sums = sums.finish()?;
+    made.files.insert(sums.path, sums.blake3);
+    let json = serde_json::to_vec(&made).expect("texts are JSON");
+    atomic_file::write(&folder.path(FINISH_RECORD), &json)?;
     Ok(total)
 }
 
@@ -99,7 +107,7 @@ fn each_part(
     mut take: impl FnMut(PartRecord) -> Result<(), ExportError>,
 ) -> Result<(), ExportError> {
     let mut number = 0;
-    while let Some(part) = PartRecord::read(folder, split, number)? {
+    while let Some(part) = PartRecord::read(folder.root(), split, number)? {
         take(part)?;
         number += 1;
     }

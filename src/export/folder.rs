@@ -3,15 +3,14 @@
 use super::error::{ExportError, unreadable};
 use super::metadata::LINES_ENDING;
 use super::request::{ExportFormat, ExportRequest, REQUEST_FILE};
+use crate::made::DIGESTS_FILE;
 use render::atomic_file::{self, is_temporary};
 use render::folder_lock::FolderLock;
-use std::fs::File;
-use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-/// Folder with the lock and the records of complete parts; removed when the export is complete.
+/// Folder with the lock and the records of complete parts.
 pub(super) const STATE_FOLDER: &str = ".export";
-/// File with the digests of all other files. It is written last, so its presence means that the export is complete.
+/// File with the digests of all exported files. It is written last, so its presence means that the export is complete.
 pub(super) const SUMS_FILE: &str = "SHA256SUMS";
 pub(super) const CARD_FILE: &str = "README.md";
 pub(super) const CROISSANT_FILE: &str = "croissant.json";
@@ -24,7 +23,7 @@ pub enum FolderState {
     Complete,
 }
 
-/// Finds the state of a folder without writing. Refuses a folder with other contents, or with lost files.
+/// Finds the state of a folder without writing. Refuses a folder with other contents.
 pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportError> {
     let foreign = |reason: String| ExportError::Foreign { out: out.to_owned(), reason };
     if out.exists() && !out.is_dir() {
@@ -63,14 +62,11 @@ pub fn look(out: &Path, request: &ExportRequest) -> Result<FolderState, ExportEr
             request.left_out.len()
         )));
     }
-    match lost(out)? {
-        None => Ok(FolderState::Complete),
-        Some(file) => Err(foreign(format!("was complete and has lost {file}"))),
-    }
+    Ok(FolderState::Complete)
 }
 
 /// Lists the names in a folder, sorted; none if the folder does not exist.
-fn names(folder: &Path) -> Result<Vec<String>, ExportError> {
+pub(super) fn names(folder: &Path) -> Result<Vec<String>, ExportError> {
     let mut names = Vec::new();
     let entries = match std::fs::read_dir(folder) {
         Ok(entries) => entries,
@@ -87,7 +83,7 @@ fn names(folder: &Path) -> Result<Vec<String>, ExportError> {
 
 /// True if a started export may contain the name.
 fn is_part(name: &str, request: &ExportRequest) -> bool {
-    let known = [STATE_FOLDER, REQUEST_FILE, CARD_FILE, CROISSANT_FILE];
+    let known = [STATE_FOLDER, REQUEST_FILE, CARD_FILE, CROISSANT_FILE, DIGESTS_FILE];
     known.contains(&name)
         || is_temporary(Path::new(name))
         || request.splits.iter().any(|split| {
@@ -104,20 +100,6 @@ fn is_shard(rest: &str, format: ExportFormat) -> bool {
     let ending = format.shard_ending().unwrap_or_default();
     let number = rest.strip_prefix('-').and_then(|r| r.strip_suffix(ending));
     number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
-}
-
-/// Returns the first missing file of `SHA256SUMS`, if any.
-fn lost(out: &Path) -> Result<Option<String>, ExportError> {
-    let path = out.join(SUMS_FILE);
-    let sums = BufReader::new(File::open(&path).map_err(unreadable(&path))?);
-    for line in sums.lines() {
-        let line = line.map_err(unreadable(&path))?;
-        let name = line.split_once("  ").map_or(line.as_str(), |(_, name)| name);
-        if !out.join(name).is_file() {
-            return Ok(Some(name.to_owned()));
-        }
-    }
-    Ok(None)
 }
 
 /// The exported folder, locked by this process.
@@ -155,12 +137,12 @@ impl ExportFolder {
         &self.root
     }
 
-    /// Removes the records of parts after the export is complete.
-    pub(super) fn forget_state(&self) -> Result<(), ExportError> {
+    /// Removes a file, if it exists.
+    pub(super) fn remove(&self, name: &str) -> Result<(), ExportError> {
         self.check()?;
-        let state = self.path(STATE_FOLDER);
-        match std::fs::remove_dir_all(&state) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(unreadable(&state)(e)),
+        let path = self.path(name);
+        match std::fs::remove_file(&path) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(unreadable(&path)(e)),
             _ => Ok(()),
         }
     }

@@ -10,7 +10,7 @@
 //!
 //! The bytes of an export depend on the run's manifest and the request, not on time, host, paths or threads. An export
 //! is written part by part; after a kill, the same command resumes after the last complete part and makes the same
-//! bytes. `SHA256SUMS` is written last. Memory holds two batches of tuples for a run of any size.
+//! bytes. It makes parts again whose tuples or files changed since (`stale.rs`). `SHA256SUMS` is written last. Memory holds two batches of tuples for a run of any size.
 
 mod card;
 mod card_numbers;
@@ -25,6 +25,7 @@ mod plan;
 mod request;
 mod sample;
 mod shard;
+mod stale;
 mod tensor_shard;
 mod tensors;
 mod write;
@@ -34,4 +35,4 @@ pub use folder::{FolderState, look};
 pub use plan::{ExportOptions, ExportPlan, LeftOut};
 pub use request::{EXPORT_REQUEST_SCHEMA, ExportFormat, ExportRequest, PixelEncoding};
 pub use tensor_shard::TUPLES_SCHEMA;
-pub use write::{ExportWork, Exported, estimate_bytes, export};
+pub use write::{ExportWork, Exported, estimate_bytes, export, look_again};

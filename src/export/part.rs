@@ -3,65 +3,66 @@
 use super::card_numbers::Numbers;
 use super::digest::FileRecord;
 use super::error::{ExportError, unreadable};
-use super::folder::{ExportFolder, STATE_FOLDER};
+use super::folder::{ExportFolder, STATE_FOLDER, names};
 use super::metadata::listing_line;
 use super::plan::ExportPlan;
 use super::request::ExportFormat;
 use super::sample::Sample;
 use super::shard::Shard;
 use super::tensor_shard::TensorShard;
+use crate::made::{Digests, Files, Made};
 use render::atomic_file;
 use render::line::Split;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Maximum number of tuples in a part without a shard.
-const TUPLES_A_PART: usize = 256;
+pub(super) const TUPLES_A_PART: usize = 256;
 
 /// Record of a complete part.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PartRecord {
     pub(super) numbers: Numbers,
     pub(super) files: Vec<FileRecord>,
     /// Lines of the split's list of tuples; empty for formats without this file.
     pub(super) lines: Vec<String>,
+    /// BLAKE3 of the tuples' files, by key in the store. A record of an older version has none.
+    #[serde(default)]
+    pub(super) of: BTreeMap<String, String>,
 }
 
-fn record_name(split: Split, number: usize) -> String {
+/// Returns the name of the record of part `number`.
+pub(super) fn record_name(split: Split, number: usize) -> String {
     format!("{STATE_FOLDER}/{split}-{number:06}.json")
 }
 
+/// Lists the numbers of the parts of a split that have a record, ascending.
+pub(super) fn recorded(out: &Path, split: Split) -> Result<Vec<usize>, ExportError> {
+    let number = |name: String| {
+        let number = name.strip_prefix(&format!("{split}-"))?.strip_suffix(".json")?;
+        number.parse().ok()
+    };
+    Ok(names(&out.join(STATE_FOLDER))?.into_iter().filter_map(number).collect())
+}
+
 impl PartRecord {
-    /// Reads the record of part `number`, if the part is complete. Fails if a file is missing or has another length.
+    /// Reads the record of part `number`, if the part is complete. A damaged record counts as none.
     pub(super) fn read(
-        folder: &ExportFolder,
+        out: &Path,
         split: Split,
         number: usize,
     ) -> Result<Option<Self>, ExportError> {
-        let name = record_name(split, number);
-        let path = folder.path(&name);
-        let bytes = match render::input_file::read(&path) {
-            Ok(bytes) => bytes,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(e) => return Err(unreadable(&path)(e)),
-        };
-        let foreign = |reason| ExportError::Foreign { out: folder.root().to_owned(), reason };
-        let record: Self = serde_json::from_slice(&bytes)
-            .map_err(|e| foreign(format!("has a damaged {name}: {e}")))?;
-        for file in &record.files {
-            let there = std::fs::metadata(folder.path(&file.path)).map(|meta| meta.len());
-            match there {
-                Ok(bytes) if bytes == file.bytes => {}
-                Ok(bytes) => {
-                    return Err(foreign(format!(
-                        "was changed: {} has {bytes} bytes, not {}",
-                        file.path, file.bytes
-                    )));
-                }
-                Err(e) => return Err(foreign(format!("was changed: {}: {e}", file.path))),
-            }
-        }
-        Ok(Some(record))
+        let path = out.join(record_name(split, number));
+        let bytes = render::input_file::read_if_there(&path).map_err(unreadable(&path))?;
+        Ok(bytes.and_then(|bytes| serde_json::from_slice(&bytes).ok()))
+    }
+
+    /// Returns the digests of the part's inputs and files.
+    pub(super) fn made(&self) -> Made {
+        let files = self.files.iter().map(|file| (file.path.clone(), file.blake3.clone()));
+        Made { of: self.of.clone(), files: files.collect() }
     }
 
     fn write(&self, folder: &ExportFolder, split: Split, number: usize) -> Result<(), ExportError> {
@@ -128,6 +129,7 @@ impl OpenShard {
 pub(super) struct Parts<'a> {
     plan: &'a ExportPlan,
     folder: &'a ExportFolder,
+    digests: &'a Digests,
     split: Split,
     number: usize,
     open: Option<(PartRecord, Option<OpenShard>)>,
@@ -138,10 +140,10 @@ impl<'a> Parts<'a> {
     pub(super) fn new(
         plan: &'a ExportPlan,
         folder: &'a ExportFolder,
-        split: Split,
-        number: usize,
+        digests: &'a Digests,
+        (split, number): (Split, usize),
     ) -> Self {
-        Self { plan, folder, split, number, open: None }
+        Self { plan, folder, digests, split, number, open: None }
     }
 
     /// Adds a tuple; starts another part if the open one is full.
@@ -156,8 +158,7 @@ impl<'a> Parts<'a> {
             self.close()?;
         }
         if self.open.is_none() {
-            let record =
-                PartRecord { numbers: Numbers::default(), files: Vec::new(), lines: Vec::new() };
+            let record = PartRecord::default();
             let shard = OpenShard::begin(request.format, self.folder, self.split, self.number)?;
             self.open = Some((record, shard));
         }
@@ -168,6 +169,7 @@ impl<'a> Parts<'a> {
             shard.add(&prepared.sample)?;
         }
         record.files.extend(prepared.written);
+        record.of.extend(prepared.sample.of);
         record.numbers.add(&Numbers::of(&prepared.sample.record));
         record.lines.extend(listing_line(self.plan, &prepared.sample.record));
         Ok(())
@@ -179,7 +181,13 @@ impl<'a> Parts<'a> {
             return Ok(());
         };
         match shard {
-            Some(shard) => record.files.push(shard.finish()?),
+            Some(shard) => {
+                let file = shard.finish()?;
+                let results = Files::results(self.folder.root());
+                let stamp = results.stamp(&file.path)?;
+                self.digests.remember(&results, &file.path, stamp, &file.blake3);
+                record.files.push(file);
+            }
             None => atomic_file::settle(self.folder.root())?,
         }
         record.write(self.folder, self.split, self.number)?;

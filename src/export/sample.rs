@@ -4,6 +4,7 @@ use super::error::ExportError;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
 use super::tensors::{Tensor, tensors};
+use crate::made::{self, Digests, Files};
 use crate::run::keys;
 use crate::store::Store;
 use bytes::Bytes;
@@ -25,6 +26,8 @@ pub(super) struct Sample {
     pub(super) tensors: Vec<Tensor>,
     /// Content of `tuple.json`.
     pub(super) record: TupleRecord,
+    /// BLAKE3 of the tuple's files that were read, by key in the store.
+    pub(super) of: BTreeMap<String, String>,
 }
 
 /// Folder names of published sets of pairs, by layer.
@@ -78,14 +81,15 @@ pub(super) fn layer_folders(plan: &ExportPlan, split: Split) -> Vec<String> {
     folders
 }
 
-/// Reads a scene's tuple from the run's store, checks the tuple, and encodes its files for the export.
+/// Reads a scene's tuple from the run's store, checks the tuple, and encodes its files for the export. Remembers the digests of the
+/// tuple's files.
 pub(super) fn sample(
     store: &Store,
     line: &SceneLine,
-    format: ExportFormat,
-    encoding: PixelEncoding,
+    (format, encoding): (ExportFormat, PixelEncoding),
+    remember: Option<(&Digests, &Files)>,
 ) -> Result<Sample, ExportError> {
-    let mut tuple = read(store, line, encoding)?;
+    let (mut tuple, of) = read(store, line, encoding, remember)?;
     let json = tuple.take(line, "tuple.json")?;
     if !is_readable_record_of(&json, line) {
         return Err(damaged(line, "tuple.json", &"it belongs to another plan or version"));
@@ -119,7 +123,7 @@ pub(super) fn sample(
         files.push((format!("{}.json", line.id), json));
     }
     files.sort_by(|a, b| a.0.cmp(&b.0));
-    Ok(Sample { files, tensors: of_layers, record })
+    Ok(Sample { files, tensors: of_layers, record, of })
 }
 
 /// True if the export needs `tuple.exr`: the PNGs lack labels, and pixels of other encodings.
@@ -137,12 +141,13 @@ impl TupleBytes {
     }
 }
 
-/// Reads the record and the files that the encoding needs.
+/// Reads the record and the files that the encoding needs. Returns their digests, too.
 fn read(
     store: &Store,
     line: &SceneLine,
     encoding: PixelEncoding,
-) -> Result<TupleBytes, ExportError> {
+    remember: Option<(&Digests, &Files)>,
+) -> Result<(TupleBytes, BTreeMap<String, String>), ExportError> {
     let mut names = tuple_files(line);
     names.retain(|name| match name.as_str() {
         "tuple.json" => true,
@@ -154,8 +159,17 @@ fn read(
         },
     });
     let keys: Vec<String> = names.iter().map(|n| keys::tuple(&line.id, n)).collect();
+    let stamp = |key: &String| remember.map_or(Ok(None), |(_, files)| files.stamp(key));
+    let stamps: Vec<_> = keys.iter().map(stamp).collect::<Result<_, _>>()?;
     let bytes = store.get_all(&keys)?;
-    Ok(TupleBytes(names.into_iter().zip(bytes).collect()))
+    let mut of = BTreeMap::new();
+    for ((key, stamp), bytes) in keys.into_iter().zip(stamps).zip(&bytes) {
+        let (Some((digests, files)), Some(bytes)) = (remember, bytes) else { continue };
+        let digest = made::digest(bytes);
+        digests.remember(files, &key, stamp, &digest);
+        of.insert(key, digest);
+    }
+    Ok((TupleBytes(names.into_iter().zip(bytes).collect()), of))
 }
 
 fn copies(

@@ -5,8 +5,11 @@ use super::facts::{Inspection, Problem, Whole};
 use super::file::inspect_file;
 use super::kind::Kind;
 use super::tuple::PNGS_NOT_CHECKED;
+use crate::develop::{PHOTOGRAPH_RECORD, REQUEST_FILE};
+use crate::made::{DEPTH_RECORDS, Digests, Files, Made, depth_records};
 use crate::run::{Control, ControlState, Counts, Run, Scope, Snapshot, keys};
 use crate::store::Store;
+use rayon::prelude::*;
 use render::layer::Layer;
 use render::line::Roots;
 use serde_json::{Map, Value, json};
@@ -24,6 +27,12 @@ fn read(folder: &Path) -> Inspection {
     }
     if has("tuple.json") || has("tuple.exr") {
         return tuple(folder);
+    }
+    if has(REQUEST_FILE) {
+        return developed(folder);
+    }
+    if has(DEPTH_RECORDS) {
+        return depth(folder);
     }
     if has("state.json") || has("model.safetensors") {
         return checkpoint(folder);
@@ -84,6 +93,58 @@ fn add_problems(found: &mut Inspection, part: Inspection, place: &str) {
     for problem in part.problems {
         found.wrong(problem.at(place));
     }
+}
+
+/// Inspects the photographs of all scenes.
+fn developed(folder: &Path) -> Inspection {
+    let mut found = inspect_file(&folder.join(REQUEST_FILE));
+    (found.kind, found.bytes) = (Kind::DevelopedFolder, None);
+    let scenes = below(folder, PHOTOGRAPH_RECORD);
+    found.facts.value("scenes", scenes.len());
+    let of = |scene: &String| inspect_file(&folder.join(scene).join(PHOTOGRAPH_RECORD));
+    let parts: Vec<Inspection> = scenes.par_iter().map(of).collect();
+    for (scene, part) in scenes.iter().zip(parts) {
+        add_problems(&mut found, part, scene);
+    }
+    found.is_whole("every photograph matches its digest in photograph.json");
+    found
+}
+
+/// Inspects depth maps and the pictures beside them.
+fn depth(folder: &Path) -> Inspection {
+    let mut found = Inspection::new(Kind::DepthFolder);
+    let again = "`glasshouse depth` makes it again";
+    let results = Files::results(folder);
+    let digests = Digests::open(folder, true);
+    match depth_records(folder) {
+        Err(error) => found.wrong(Problem::new(error.to_string(), "make the folder readable")),
+        Ok(records) => {
+            found.facts.value("pictures", records.len());
+            for made in records.into_values() {
+                let own = Made { files: made.files, ..Made::default() };
+                match digests.differences(&own, &results, &results) {
+                    Err(error) => found.wrong(Problem::new(error.to_string(), again)),
+                    Ok(differences) => {
+                        for difference in differences {
+                            found.wrong(Problem::new(difference.to_string(), again));
+                        }
+                    }
+                }
+            }
+        }
+    }
+    found.is_whole("every depth map and picture matches its digest in made.jsonl");
+    found
+}
+
+/// Lists the folders in a folder that have a file of this name, sorted.
+fn below(folder: &Path, file: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let mut found: Vec<String> =
+        names.filter(|name| folder.join(name).join(file).is_file()).collect();
+    found.sort();
+    found
 }
 
 /// Lists names and folders of checkpoints, in the order of their steps.
@@ -151,10 +212,36 @@ fn run(folder: &Path) -> Inspection {
     found.facts.fact("report", report, has_report);
     say_control(&mut found, folder);
     advise(&mut found, &status, folder, has_report);
-    found.may_be_whole(
-        "spec and manifest match; `glasshouse audit RUN` traces scenes again and compares them",
-    );
+    tuples(&mut found, folder);
     found
+}
+
+/// Inspects all tuples of a run. A folder without `tuple.json`, which is written last, is an unfinished one.
+fn tuples(found: &mut Inspection, run: &Path) {
+    let tuples = run.join(keys::TUPLES);
+    let scenes = below(&tuples, "tuple.json");
+    let parts: Vec<Inspection> =
+        scenes.par_iter().map(|scene| tuple(&tuples.join(scene))).collect();
+    let mut unknown = None;
+    for (scene, part) in scenes.iter().zip(parts) {
+        if let Whole::Unknown(why) = part.whole {
+            unknown = Some(why);
+        }
+        for problem in part.problems {
+            let place = format!("{}/{scene}", keys::TUPLES);
+            let place = match &problem.place {
+                Some(within) => format!("{place}, {within}"),
+                None => place,
+            };
+            found.wrong(problem.at(place));
+        }
+    }
+    match unknown {
+        Some(why) => found.may_be_whole(why),
+        None => found.is_whole(
+            "spec and manifest match, and every file of its tuples its digest; `glasshouse audit RUN` traces scenes again and compares them",
+        ),
+    }
 }
 
 fn say_status(found: &mut Inspection, run: &Run, status: &Counts) {

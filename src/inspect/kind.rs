@@ -62,6 +62,10 @@ kinds! {
     Photographs "photographs" "photograph.json, the record of one scene's photographs"
     Developed "developed" "develop.json, the record of a folder of photographs"
     DepthMaps "depth_maps" "depth.json, the record of a folder of depth maps"
+    DepthRecords "depth_records" "made.jsonl, the digests of pictures and their depth maps"
+    Digests "digests" "digests that a command remembers for its next call"
+    DevelopedFolder "developed_folder" "photographs of a run's scenes"
+    DepthFolder "depth_folder" "depth maps of a folder of pictures"
     Raw "raw" "raw.dng, the numbers of a scene's sensor"
     Picture "picture" "picture"
     Array "array" ".npy array"
@@ -91,6 +95,8 @@ const SCHEMAS: &[(&str, Kind)] = &[
     (crate::develop::PHOTOGRAPHS_SCHEMA, Kind::Photographs),
     (crate::develop::REQUEST_SCHEMA, Kind::Developed),
     ("glasshouse.depth_maps/1", Kind::DepthMaps),
+    (crate::made::DEPTH_RECORD_SCHEMA, Kind::DepthRecords),
+    (crate::made::DIGESTS_SCHEMA, Kind::Digests),
     ("glasshouse.checkpoint/1", Kind::CheckpointState),
     (crate::outputs::WRITTEN_SCHEMA, Kind::Written),
 ];

@@ -3,6 +3,7 @@
 use super::facts::{Inspection, Problem, first_of};
 use super::input::{AGAIN, Input};
 use super::kind::Kind;
+use crate::made::DepthRecord;
 use crate::outputs::Written;
 use crate::text::{csv_cells, many};
 use plan::{RejectedScene, parse_list};
@@ -34,6 +35,10 @@ pub(super) fn read(kind: Kind, input: &Input) -> Inspection {
         Kind::Written => {
             let calls: Vec<Written> = json_lines(&mut found, text);
             count(&mut found, "files", calls.iter().map(|call| call.files.len()).sum());
+        }
+        Kind::DepthRecords => {
+            let records: Vec<DepthRecord> = json_lines(&mut found, text);
+            count(&mut found, "records", records.len());
         }
         Kind::Card => {
             let name = text.lines().find_map(|line| line.strip_prefix("pretty_name: "));

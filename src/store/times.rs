@@ -1,13 +1,30 @@
-//! Lists objects with the times of their puts.
+//! Lists objects with the times of their puts, or with tags of their content.
 
 use super::patience::with_patience;
 use super::{RUNTIME, Store, StoreError};
 use futures_util::TryStreamExt;
+use object_store::ObjectMeta;
 use std::time::SystemTime;
 
 impl Store {
     /// Works like [`Self::list`], and adds the time of each object's last put by the store's clock.
     pub fn list_times(&self, folder: &str) -> Result<Vec<(String, SystemTime)>, StoreError> {
+        self.list_meta(folder, |key, meta| (key, SystemTime::from(meta.last_modified)))
+    }
+
+    /// Works like [`Self::list`], and adds the size of each object, bytes, and a text that changes with its content.
+    pub(crate) fn list_tags(&self, folder: &str) -> Result<Vec<(String, u64, String)>, StoreError> {
+        self.list_meta(folder, |key, meta| {
+            let tag = meta.e_tag.unwrap_or_else(|| meta.last_modified.to_string());
+            (key, meta.size, tag)
+        })
+    }
+
+    fn list_meta<T: Send>(
+        &self,
+        folder: &str,
+        of: impl Fn(String, ObjectMeta) -> T + Copy + Send,
+    ) -> Result<Vec<T>, StoreError> {
         self.check_place()?;
         let prefix = self.key(folder);
         let skip = self.prefix.as_ref().len() + usize::from(!self.prefix.as_ref().is_empty());
@@ -17,8 +34,7 @@ impl Store {
             found
                 .map_ok(move |meta| {
                     let _call = &call;
-                    let key = meta.location.as_ref()[skip..].to_owned();
-                    (key, SystemTime::from(meta.last_modified))
+                    of(meta.location.as_ref()[skip..].to_owned(), meta)
                 })
                 .try_collect()
         };

@@ -6,6 +6,7 @@
     reason = "tests may panic in any function, damage files, and print why they are skipped"
 )]
 
+mod changed;
 mod corpus;
 mod every_file;
 mod every_file_left;

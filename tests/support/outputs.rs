@@ -47,10 +47,15 @@ pub(crate) fn exr_channels(path: &Path) -> BTreeMap<String, (&'static str, Vec<u
     bits.collect()
 }
 
-/// Returns the paths of all files below `folder`, relative to it, except for lists of the files that commands wrote.
+/// Returns the paths of all files below `folder`, relative to it, except for what commands remember for their next call.
 pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
     let mut found = all_files(folder);
-    found.retain(|path| !path.ends_with(".glasshouse-written.jsonl"));
+    let is_memory = |path: &PathBuf| {
+        path.ends_with(".glasshouse-written.jsonl")
+            || path.ends_with(".glasshouse-digests.json")
+            || path.starts_with(".export")
+    };
+    found.retain(|path| !is_memory(path));
     found
 }
 

@@ -154,6 +154,15 @@ impl Ended {
         self
     }
 
+    /// Asserts that stdout contains all `words`.
+    #[track_caller]
+    pub(crate) fn prints(self, words: &[&str]) -> Self {
+        for word in words {
+            assert!(self.stdout.contains(word), "no {word:?} in {self:#?}");
+        }
+        self
+    }
+
     /// Parses the output of `--json`, and asserts that it is one JSON object with a schema.
     #[track_caller]
     pub(crate) fn json(&self) -> Value {

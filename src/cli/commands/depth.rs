@@ -1,6 +1,6 @@
 //! `depth FOLDER`: estimates the depth of a folder's pictures.
 
-use crate::cli::args::Global;
+use crate::cli::args::{Global, VerifyArgs};
 use crate::cli::exit_code::{Exit, Failure, exit_codes, failure};
 use crate::cli::network::use_threads;
 use crate::cli::output::Output;
@@ -8,6 +8,7 @@ use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::watchdog;
 use crate::estimate::{DepthRequest, EstimateWork, Estimated, PHOTOGRAPH_LIST, estimate};
+use crate::made::Remade;
 use crate::outputs::check_place;
 use clap::{Args as ClapArgs, ValueEnum};
 use depth::{DepthNet, Model, Weights};
@@ -42,6 +43,8 @@ pub(super) struct DepthArgs {
     /// Field of view of the longer side, degrees [default: from EXIF, or 65]
     #[arg(long, value_name = "DEG", value_parser = view)]
     field_of_view: Option<f64>,
+    #[command(flatten)]
+    verify: VerifyArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -88,6 +91,7 @@ fn view(text: &str) -> Result<f64, String> {
 
 exit_codes! {
     crate::estimate::EstimateError {
+        (Made) => its_own,
         Foreign => Disagrees,
         Write | Read | Remove | Link => Failed,
     }
@@ -122,6 +126,7 @@ pub(super) fn run(args: &DepthArgs, global: &Global, output: &Output) -> Result<
         net: &net,
         request: &request,
         mean_m: args.mean_m,
+        verify: args.verify.verify,
         stop: signals.stop(),
         on_picture: &|resumed| progress.add(1, resumed),
     };
@@ -180,6 +185,8 @@ struct Answer<'a> {
     weights_blake3: &'a str,
     pictures: u64,
     pictures_resumed: u64,
+    #[serde(skip_serializing_if = "Remade::is_none")]
+    remade: Remade,
     failed: Vec<Failed>,
     /// Duration, s; `None` in a dry run.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -209,6 +216,7 @@ impl<'a> Answer<'a> {
             weights_blake3: &request.weights_blake3,
             pictures: estimated.pictures,
             pictures_resumed: estimated.pictures_resumed,
+            remade: estimated.remade,
             failed: failed.map(|(picture, reason)| Failed { picture, reason }).collect(),
             wall_s,
         }
@@ -224,6 +232,9 @@ impl fmt::Display for Answer<'_> {
         write!(f, "estimated the depth of {pictures} pictures into {out} in {wall_s:.1} s")?;
         if self.pictures_resumed > 0 {
             write!(f, "; {} were there already", self.pictures_resumed)?;
+        }
+        if !self.remade.is_none() {
+            write!(f, "; {}", self.remade)?;
         }
         for Failed { picture, reason } in &self.failed {
             write!(f, "\nno depth of {picture}: {reason}")?;

@@ -1,13 +1,15 @@
 //! `develop RUN`: photographs a run's tuples by another camera.
 
-use crate::cli::args::{Global, SplitName, StoreArgs, threads};
+use crate::cli::args::{Global, SplitName, StoreArgs, VerifyArgs, threads};
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::output::{Output, reasons};
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::target;
 use crate::develop::{DevelopWork, Developed, develop, scenes_of};
+use crate::made::Remade;
 use crate::outputs::check_place;
+use crate::text::many;
 use clap::Args as ClapArgs;
 use plan::SensorFile;
 use render::ids::SceneId;
@@ -31,6 +33,8 @@ pub(super) struct DevelopArgs {
     /// Scenes to photograph
     #[arg(long, value_enum, default_value = "all")]
     split: SplitName,
+    #[command(flatten)]
+    verify: VerifyArgs,
     #[command(flatten)]
     store: StoreArgs,
 }
@@ -68,6 +72,7 @@ pub(super) fn run(args: &DevelopArgs, global: &Global, output: &Output) -> Resul
         sensor: &sensor,
         splits: &splits,
         threads: threads(global),
+        verify: args.verify.verify,
         stop: signals.stop(),
         on_scene: &|found| progress.add(1, found),
     };
@@ -97,6 +102,8 @@ struct Answer<'a> {
     dry_run: bool,
     scenes: u64,
     scenes_resumed: u64,
+    #[serde(skip_serializing_if = "Remade::is_none")]
+    remade: Remade,
     missing: Vec<SceneId>,
     #[serde(serialize_with = "reasons")]
     failed: Vec<(SceneId, String)>,
@@ -107,7 +114,7 @@ struct Answer<'a> {
 
 impl<'a> Answer<'a> {
     fn new(args: &'a DevelopArgs, developed: Developed, wall_s: Option<f64>) -> Self {
-        let Developed { scenes, scenes_resumed, missing, failed, .. } = developed;
+        let Developed { scenes, scenes_resumed, remade, missing, failed, .. } = developed;
         Self {
             run: &args.run,
             sensor: &args.sensor,
@@ -115,6 +122,7 @@ impl<'a> Answer<'a> {
             dry_run: wall_s.is_none(),
             scenes,
             scenes_resumed,
+            remade,
             missing,
             failed,
             wall_s,
@@ -127,13 +135,19 @@ impl fmt::Display for Answer<'_> {
         let (out, scenes) = (self.out.display(), self.scenes);
         match self.wall_s {
             None => return write!(f, "would photograph {scenes} scenes into {out}"),
-            Some(wall_s) => write!(f, "photographed {scenes} scenes into {out} in {wall_s:.1} s")?,
+            Some(wall_s) => {
+                write!(f, "photographed {} into {out} in {wall_s:.1} s", many(scenes, "scene"))?
+            }
         }
         if self.scenes_resumed > 0 {
             write!(f, "; {} were there already", self.scenes_resumed)?;
         }
+        if !self.remade.is_none() {
+            write!(f, "; {}", self.remade)?;
+        }
         if !self.missing.is_empty() {
-            write!(f, "; {} scenes have no tuple yet", self.missing.len())?;
+            let missing = many(self.missing.len() as u64, "scene");
+            write!(f, "; {missing} without a tuple yet")?;
         }
         for (scene, reason) in &self.failed {
             write!(f, "\nno photograph of {scene}: {reason}")?;

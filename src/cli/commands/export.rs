@@ -1,6 +1,6 @@
 //! `export RUN`: writes tuples as a data set.
 
-use crate::cli::args::{Global, SplitName, StoreArgs, threads};
+use crate::cli::args::{Global, SplitName, StoreArgs, VerifyArgs, threads};
 use crate::cli::exit_code::{Exit, Failure, failure};
 use crate::cli::output::{Output, reasons};
 use crate::cli::progress::Progress;
@@ -9,8 +9,9 @@ use crate::cli::target;
 use crate::doctor::{available_bytes, bytes_text};
 use crate::export::{
     ExportFormat, ExportOptions, ExportPlan, ExportWork, Exported, FolderState, PixelEncoding,
-    estimate_bytes, export, look,
+    estimate_bytes, export, look, look_again,
 };
+use crate::made::Remade;
 use crate::outputs::check_place;
 use crate::run::Run;
 use clap::{Args as ClapArgs, ValueEnum};
@@ -44,6 +45,8 @@ pub(super) struct ExportArgs {
     /// Export the finished tuples of an unfinished run
     #[arg(long)]
     partial: bool,
+    #[command(flatten)]
+    verify: VerifyArgs,
     #[command(flatten)]
     store: StoreArgs,
 }
@@ -148,10 +151,15 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
             let count = scenes.filter(|&&s| run.lines[s].split == split).count();
             (split, count as u64)
         });
+        let remade = match state {
+            FolderState::Complete => look_again(&store, &plan, &args.out, args.verify.verify)?,
+            FolderState::Empty | FolderState::Begun(_) => Remade::default(),
+        };
         let exported = Exported {
             tuples: counts.into_iter().filter(|(_, count)| *count > 0).collect(),
             bytes: foretold.unwrap_or(0),
-            already_complete: state == FolderState::Complete,
+            already_complete: state == FolderState::Complete && remade.is_none(),
+            remade,
             ..Exported::default()
         };
         output.show(SCHEMA, &Export::new(args, &plan, exported, None));
@@ -171,6 +179,7 @@ pub(super) fn run(args: &ExportArgs, global: &Global, output: &Output) -> Result
     let work = ExportWork {
         threads: threads(global),
         stop: signals.stop(),
+        verify: args.verify.verify,
         on_tuples: &|count, found| progress.add(count, found),
     };
     let ended = export(&run, &store, plan, &args.out, &work);
@@ -245,7 +254,7 @@ impl fmt::Display for Export<'_> {
             (Some(_), true) => {
                 return write!(
                     f,
-                    "{out} is complete, nothing to do ({tuples} tuples); `sha256sum -c SHA256SUMS` in it checks its files"
+                    "{out} is complete, nothing to do ({tuples} tuples); with --verify, all files are read"
                 );
             }
             (Some(wall_s), false) => write!(
@@ -253,6 +262,9 @@ impl fmt::Display for Export<'_> {
                 "exported {tuples} tuples to {out} in {wall_s:.1} s: {} files, {bytes}",
                 exported.files
             )?,
+        }
+        if !exported.remade.is_none() {
+            write!(f, "; {}", exported.remade)?;
         }
         let (quarantined, missing) = (self.quarantined.len(), self.missing);
         if quarantined > 0 {
