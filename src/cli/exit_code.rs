@@ -257,7 +257,11 @@ impl From<train::TrainError> for Failure {
         let exit = match &error {
             E::Busy { .. } => Exit::TryAgain,
             E::Setting(_) | E::NoRealPairs { .. } | E::NoBacktrackStage { .. } => Exit::Usage,
-            E::Frozen { .. } | E::OtherOrigin { .. } | E::ScheduleEnds { .. } => Exit::Disagrees,
+            E::Frozen { .. }
+            | E::OtherOrigin { .. }
+            | E::OtherTuples { .. }
+            | E::ScheduleEnds { .. }
+            | E::Example(X::Damaged { .. } | X::Export { .. }) => Exit::Disagrees,
             E::NoBacktrack { .. }
             | E::From { .. }
             | E::NothingToSelect { .. }

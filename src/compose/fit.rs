@@ -64,10 +64,10 @@ pub fn fit_baselines(
                 pictures.push((sums, veil_codes(&pair.input)));
             }
             Err(Unread::Missing(_)) => {}
-            Err(Unread::Unreadable(reason)) => left_out.push(LeftOut {
-                image: subject.name(index),
-                reason: format!("not used for the fit of the baselines: {reason}"),
-            }),
+            Err(Unread::Unreadable(reason)) => {
+                left_out.push(unused(subject, index, &reason, false))
+            }
+            Err(Unread::Damaged(reason)) => left_out.push(unused(subject, index, &reason, true)),
             Err(Unread::Fatal(error)) => return Err(EvaluateError::Subject(error)),
         }
     }
@@ -82,6 +82,11 @@ pub fn fit_baselines(
         images: pictures.len(),
     };
     Ok((Some(baselines), left_out))
+}
+
+fn unused(subject: &dyn Subject, index: usize, reason: &str, is_damaged: bool) -> LeftOut {
+    let reason = format!("not used for the fit of the baselines: {reason}");
+    LeftOut { image: subject.name(index), reason, is_damaged }
 }
 
 #[cfg(test)]

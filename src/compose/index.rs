@@ -73,7 +73,7 @@ pub fn read_index(path: &Path, root: &Path) -> Result<(IndexedPairs, Vec<LeftOut
             indexed.pairs.push((pair, line.group));
             continue;
         };
-        left_out.push(LeftOut { image: line.id, reason });
+        left_out.push(LeftOut { image: line.id, reason, is_damaged: false });
     }
     if indexed.pairs.is_empty() {
         return Err(failed(format!(

@@ -91,7 +91,12 @@ pub fn run(
                 Err(Unread::Fatal(error)) => return Err(EvaluateError::Subject(error)),
                 Ok(Err(Unmade::LeftOut(reason)))
                 | Err(Unread::Missing(reason) | Unread::Unreadable(reason)) => {
-                    all.left_out.push(LeftOut { image: subject.name(index), reason });
+                    let image = subject.name(index);
+                    all.left_out.push(LeftOut { image, reason, is_damaged: false });
+                }
+                Err(Unread::Damaged(reason)) => {
+                    let image = subject.name(index);
+                    all.left_out.push(LeftOut { image, reason, is_damaged: true });
                 }
             }
             all.done += 1;
@@ -192,7 +197,7 @@ fn group_factor_rows(
             let again = read_sized(setting.subject, *index, setting.longest_px);
             let (pair, _) = again.map_err(|error| match error {
                 Unread::Fatal(error) => EvaluateError::Subject(error),
-                Unread::Missing(reason) | Unread::Unreadable(reason) => {
+                Unread::Missing(reason) | Unread::Unreadable(reason) | Unread::Damaged(reason) => {
                     let image = setting.subject.name(*index);
                     EvaluateError::Changed { image, reason }
                 }

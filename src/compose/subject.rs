@@ -18,6 +18,8 @@ pub struct WithTruth {
 pub enum Unread {
     Missing(String),
     Unreadable(String),
+    /// The files are not those of their record.
+    Damaged(String),
     /// The source failed; no picture can be read.
     Fatal(Box<dyn Error + Send + Sync>),
 }
@@ -28,6 +30,9 @@ pub struct LeftOut {
     /// Name of the picture, or path of its file.
     pub image: String,
     pub reason: String,
+    /// True if the picture's files are not those of their record.
+    #[serde(skip)]
+    pub is_damaged: bool,
 }
 
 /// An ordered set of pictures with ground truths.

@@ -44,9 +44,10 @@ impl From<ExampleError> for Unread {
     fn from(error: ExampleError) -> Self {
         match error {
             ExampleError::Store(error) => Self::Fatal(error.0),
-            ExampleError::Damaged { .. }
-            | ExampleError::Export { .. }
-            | ExampleError::Unusable { .. } => Self::Unreadable(error.to_string()),
+            ExampleError::Damaged { .. } | ExampleError::Export { .. } => {
+                Self::Damaged(error.to_string())
+            }
+            ExampleError::Unusable { .. } => Self::Unreadable(error.to_string()),
             ExampleError::None(_) | ExampleError::Stopped => Self::Fatal(error.into()),
         }
     }

@@ -66,6 +66,7 @@ kinds! {
     Digests "digests" "digests that a command remembers for its next call"
     DevelopedFolder "developed_folder" "photographs of a run's scenes"
     DepthFolder "depth_folder" "depth maps of a folder of pictures"
+    TrainedOn "trained_on" "tuples.json, the tuples of a training"
     Raw "raw" "raw.dng, the numbers of a scene's sensor"
     Picture "picture" "picture"
     Array "array" ".npy array"
@@ -97,6 +98,7 @@ const SCHEMAS: &[(&str, Kind)] = &[
     ("glasshouse.depth_maps/1", Kind::DepthMaps),
     (crate::made::DEPTH_RECORD_SCHEMA, Kind::DepthRecords),
     (crate::made::DIGESTS_SCHEMA, Kind::Digests),
+    ("glasshouse.trained_on/1", Kind::TrainedOn),
     ("glasshouse.checkpoint/1", Kind::CheckpointState),
     (crate::outputs::WRITTEN_SCHEMA, Kind::Written),
 ];

@@ -68,7 +68,7 @@ fn validation(
                 glass_reflection: None,
                 clean_reflection: None,
             }),
-            Err(Unread::Missing(reason) | Unread::Unreadable(reason)) => {
+            Err(Unread::Missing(reason) | Unread::Unreadable(reason) | Unread::Damaged(reason)) => {
                 watcher.warning(&format!("{} is left out: {reason}", pairs[index].name));
             }
             Err(Unread::Fatal(source)) => return Err(candle_core::Error::Wrapped(source).into()),

@@ -1,6 +1,7 @@
 //! Errors of training.
 
 use super::checkpoint::CheckpointError;
+use super::trained_on::first_names;
 use super::vgg_file::FeaturesError;
 use examples::{ExampleError, TupleFilesError};
 use plan::SettingError;
@@ -63,6 +64,16 @@ pub enum TrainError {
         /// The changed input: train scenes, real pairs, VGG-19's weights or first weights.
         changed: &'static str,
         checkpoint: PathBuf,
+    },
+    #[error(
+        "{} of the tuples that {} was trained with changed or are missing: {}; begin another training with --name NAME, or put them back",
+        names.len(), folder.display(), first_names(names)
+    )]
+    OtherTuples {
+        /// Folder of the stage.
+        folder: PathBuf,
+        /// Names of the scenes, sorted.
+        names: Vec<String>,
     },
     #[error("the weights of {} do not fit the networks: {source}", path.display())]
     From { path: PathBuf, source: candle_core::Error },

@@ -195,7 +195,7 @@ impl Evaluation {
         }
         if !self.left_out.is_empty() {
             text += "\n## Left out\n\n";
-            for LeftOut { image, reason } in &self.left_out {
+            for LeftOut { image, reason, .. } in &self.left_out {
                 let _ = writeln!(text, "- {image}: {reason}");
             }
         }

@@ -16,6 +16,7 @@
 //! random            tensors of random numbers           initial       weights of new networks
 //! scoring, evaluation    scores of networks on pictures    validation    scores of a training's networks
 //! similarity        rendered pictures and mixtures beside a camera's picture
+//! trained_on        the tuples of a training, which must stay
 //! run, resume       a stage's training in a run's folder, resumed from its checkpoints
 //! ```
 //!
@@ -56,6 +57,7 @@ mod session;
 mod shipped;
 mod similarity;
 mod tiles;
+mod trained_on;
 mod unet;
 mod unet_images;
 mod unet_op;
@@ -104,6 +106,7 @@ pub use separator::{Separation, Separator, SeparatorError};
 pub use session::{Best, Schedule, Session, Trained, Watcher};
 pub use shipped::SHIPPED;
 pub use similarity::{BestMixture, Similarity, SimilarityError, best_mixture, similarity};
+pub use trained_on::{TrainedOn, first_names};
 pub use unet::Unet;
 pub use validation::Validated;
 pub use vgg::{VGG_PLACES, VGG_WIDTHS, Vgg, VggError};

@@ -7,6 +7,7 @@ use super::checks::{Checks, ChosenOn};
 use super::error::TrainError;
 use super::resume::{Beginning, lock};
 use super::session::{Best, Schedule, Session, Trained, Watcher};
+use super::trained_on::check_and_note;
 use super::vgg_file::Features;
 use compose::Pair;
 use crossbeam::channel::bounded;
@@ -157,6 +158,9 @@ pub fn run(
     let origin = beginning.origin(&lines, &pairs, features.blake3, watcher)?;
     if settings.examples.needs_tuples() {
         warn_of_missing(&lines, &*training.tuples, settings.follow, watcher)?;
+        let takes_steps = beginning.step() < training.steps;
+        let calls = (beginning.step() > 0, takes_steps && !training.dry_run);
+        check_and_note(&folder, &lines, &*training.tuples, calls)?;
     }
     let learner = beginning.learner(stage, &settings, features.vgg)?;
     let mut summary = TrainSummary {

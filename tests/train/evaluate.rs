@@ -45,7 +45,7 @@ fn psnr_db(a: &Path, b: &Path) -> f64 {
 }
 
 /// Returns the folders of a run's tuples with names that begin with `split`.
-fn tuples(run: &Path, split: &str) -> Vec<PathBuf> {
+pub(crate) fn tuples(run: &Path, split: &str) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(run.join("tuples")).unwrap();
     let mut tuples: Vec<PathBuf> = entries.map(|e| e.unwrap().path()).collect();
     tuples.retain(|path| {
@@ -142,19 +142,25 @@ fn missing_and_damaged_tuples_are_listed() {
     let place = merged();
     let run_folder = text(&place.run);
     let [test, train] = ["test", "train"].map(|split| tuples(&place.run, split));
-    // One tuple is damaged, and one is not merged.
-    std::fs::write(train[1].join("input.png"), b"\x89PNG\r\n\x1a\nnothing").unwrap();
+    // One tuple is not merged: it is left out, and the fit of the baselines does without it, too.
     std::fs::remove_file(train[2].join("tuple.json")).unwrap();
-    let ended = run(&["evaluate", run_folder, "--split", "all", "--json"]).expect(3).says(&[
-        "input.png",
-        "glasshouse audit",
-        "has no tuple yet",
-    ]);
+    let ended = run(&["evaluate", run_folder, "--split", "all", "--json"])
+        .expect(3)
+        .says(&["has no tuple yet"]);
     let json = ended.json();
-    assert_eq!(json["images"], 2);
-    // The fit of the baselines leaves out these tuples, too.
-    assert_eq!(json["baselines"]["fitted"]["images"], 1);
-    assert_eq!(json["left_out"].as_array().unwrap().len(), 3);
+    assert_eq!(json["images"], 3);
+    assert_eq!(json["baselines"]["fitted"]["images"], 2);
+    assert_eq!(json["left_out"].as_array().unwrap().len(), 1);
+    // A damaged tuple gives no score.
+    let whole = std::fs::read(train[1].join("input.png")).unwrap();
+    std::fs::write(train[1].join("input.png"), b"\x89PNG\r\n\x1a\nnothing").unwrap();
+    let id = text(train[1].file_name().unwrap().as_ref());
+    for split in ["all", "test"] {
+        let ended = run(&["evaluate", run_folder, "--split", split, "--json"]).expect(5);
+        assert!(ended.json()["left_out"][0]["reason"].as_str().unwrap().contains("input.png"));
+        ended.says(&[&format!("1 tuple of {run_folder} damaged: {id};"), "retry"]);
+    }
+    std::fs::write(train[1].join("input.png"), whole).unwrap();
     std::fs::remove_dir_all(&test[0]).unwrap();
     let ended = run(&["evaluate", run_folder, "--json"]).expect(4);
     assert_eq!(ended.json()["schema"], "glasshouse.error/1");

@@ -95,6 +95,45 @@ impl Place {
     }
 }
 
+#[test]
+fn tuples_that_changed_since_end_training_and_scores() {
+    let place = place();
+    let run_folder = text(&place.run);
+    let more = small(&["--network", "unet"]);
+    place.train("separation", "2", &more);
+    run(&["evaluate", run_folder, "-q"]).expect(0);
+    let tuples: Vec<PathBuf> = crate::evaluate::tuples(&place.run, "train");
+    let names: Vec<&str> =
+        tuples.iter().map(|tuple| text(tuple.file_name().unwrap().as_ref())).collect();
+    // Other tuples with right digests, as after a repair.
+    let records: Vec<Vec<u8>> =
+        tuples.iter().map(|tuple| std::fs::read(tuple.join("tuple.json")).unwrap()).collect();
+    for tuple in &tuples {
+        let path = tuple.join("tuple.json");
+        let record = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, record.replacen("\"seconds\"", "\"Seconds\"", 1) + "\n").unwrap();
+    }
+    let three = format!("{}, {}, {} and 1 more", names[0], names[1], names[2]);
+    let said = run(&place.arguments("separation", "4", &more)).expect(5);
+    said.says(&["4 of the tuples", &three, "--name"]);
+    run(&["evaluate", run_folder]).expect(5).says(&["4 of the tuples", &three]);
+    std::fs::remove_dir_all(&tuples[1]).unwrap();
+    for (tuple, record) in tuples.iter().zip(&records).filter(|(tuple, _)| tuple.exists()) {
+        std::fs::write(tuple.join("tuple.json"), record).unwrap();
+    }
+    run(&place.arguments("separation", "4", &more))
+        .expect(5)
+        .says(&["1 of the tuples", &format!("missing: {};", names[1])]);
+    // A new training takes what is there.
+    let mut new = small(&["--network", "unet", "--name", "other"]);
+    new.push("-q");
+    run(&place.arguments("separation", "2", &new)).expect(0);
+    // A tuple that does not match its digests ends training, too.
+    let exr = tuples[0].join("tuple.exr");
+    std::fs::write(&exr, b"nothing").unwrap();
+    run(&place.arguments("separation", "8", &new)).expect(5).says(&[names[0], "digest"]);
+}
+
 pub(crate) fn small<'a>(more: &[&'a str]) -> Vec<&'a str> {
     SMALL.into_iter().chain(more.iter().copied()).collect()
 }

@@ -12,6 +12,7 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::outputs::Outputs;
+use crate::text::many;
 use baselines::{parse_factor, parse_veil, rules};
 use clap::{Args as ClapArgs, ValueEnum};
 use compose::{Factor, LeftOut, Method, Protocol, Setting, VeilRule};
@@ -19,9 +20,10 @@ use methods::{Methods, NamedNetwork};
 use place::{Pictures, Place};
 use serde::Serialize;
 use serde_json::json;
+use std::collections::BTreeSet;
 use std::fmt;
 use std::path::{Path, PathBuf};
-use train::{Conditions, EVALUATION_SCHEMA, Evaluation, ScoredNetwork, Tiled, shrunk};
+use train::{Conditions, EVALUATION_SCHEMA, Evaluation, ScoredNetwork, Tiled, first_names, shrunk};
 
 pub(super) use place::evaluation_folder;
 
@@ -175,6 +177,11 @@ impl<'a> Task<'a> {
         let threads = use_threads(global);
         let pictures = place::pictures(args, output)?;
         let methods = Methods::open(args, pictures.subject(), output)?;
+        if let Some(run) = &args.place {
+            let paths: Vec<&Path> =
+                methods.networks.iter().map(|named| named.network.path.as_path()).collect();
+            pictures.check_trainings(run, &paths)?;
+        }
         if let Some(outputs) = args.out_files() {
             outputs.check()?;
         }
@@ -223,6 +230,11 @@ impl<'a> Task<'a> {
         }
         let missing = std::mem::take(&mut scored.left_out);
         let incomplete: Vec<LeftOut> = of_fit.into_iter().chain(missing).collect();
+        let damaged = incomplete.iter().filter(|left_out| left_out.is_damaged);
+        let damaged: BTreeSet<&str> = damaged.map(|left_out| left_out.image.as_str()).collect();
+        if !damaged.is_empty() {
+            return Err(of_damaged(&damaged, args, &incomplete));
+        }
         warn(&incomplete, output);
         let exit = if incomplete.is_empty() { Exit::Done } else { Exit::Incomplete };
         let left_out: Vec<LeftOut> =
@@ -283,12 +295,26 @@ impl fmt::Display for Planned<'_> {
 }
 
 fn warn(incomplete: &[LeftOut], output: &Output) {
-    for LeftOut { image, reason } in incomplete.iter().take(WARNINGS) {
+    for LeftOut { image, reason, .. } in incomplete.iter().take(WARNINGS) {
         output.warning(&format!("{image} is left out: {reason}"));
     }
     if let Some(more @ 1..) = incomplete.len().checked_sub(WARNINGS) {
         output.warning(&format!("{more} more pictures are left out"));
     }
+}
+
+/// Returns the error of tuples that are not those of their records.
+fn of_damaged(damaged: &BTreeSet<&str>, args: &EvaluateArgs, left_out: &[LeftOut]) -> Failure {
+    let place = place::name(args);
+    let scenes: Vec<&str> = damaged.iter().copied().collect();
+    let mut failure = failure!(
+        Exit::Disagrees,
+        "{} of {place} damaged: {}; `glasshouse retry {place} SCENE --anew`, then `glasshouse work {place}` make them again",
+        many(scenes.len() as u64, "tuple"),
+        first_names(&scenes)
+    );
+    failure.details.insert("left_out".to_owned(), json!(left_out));
+    failure
 }
 
 fn nothing(args: &EvaluateArgs, left_out: &[LeftOut]) -> Failure {

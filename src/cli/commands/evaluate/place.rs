@@ -9,9 +9,10 @@ use crate::cli::target;
 use compose::{IndexedPairs, LeftOut, Pair, Subject, find_pairs, read_index};
 use plan::PixelSource;
 use render::line::Roots;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use train::TupleSource;
+use train::{TrainedOn, TupleSource};
 
 /// A run or a folder of pairs.
 #[derive(Clone, Copy)]
@@ -40,6 +41,21 @@ impl Pictures {
             Source::Pairs(pairs) => pairs,
             Source::Index(pairs) => pairs,
         }
+    }
+
+    /// Fails if a tuple of the run changed since a network of the run was trained with it.
+    pub(super) fn check_trainings(&self, run: &Path, networks: &[&Path]) -> Result<(), Failure> {
+        let Source::Run(source) = &self.of else { return Ok(()) };
+        let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let run = real(run);
+        let stages: BTreeSet<PathBuf> =
+            networks.iter().filter_map(|path| real(path).parent().map(Path::to_owned)).collect();
+        for stage in stages.iter().filter(|stage| stage.starts_with(&run)) {
+            if let Some(tuples) = TrainedOn::read(stage)? {
+                tuples.check(stage, &*source.files)?;
+            }
+        }
+        Ok(())
     }
 
     pub(super) fn keep_first(&mut self, count: usize) {
@@ -95,7 +111,7 @@ impl<'a> Place<'a> {
         let left_out = found.left_out.into_iter().map(|(path, reason)| {
             let path = path.strip_prefix(self.folder).unwrap_or(&path);
             let image = path.display().to_string();
-            LeftOut { image, reason }
+            LeftOut { image, reason, is_damaged: false }
         });
         let left_out: Vec<LeftOut> = left_out.collect();
         say_left_out(&left_out, "pictures belong to no pair", output);
@@ -109,7 +125,7 @@ fn say_left_out(left_out: &[LeftOut], what: &str, output: &Output) {
         output.note(&format!("{} {what}{more}", left_out.len()));
     }
     if output.verbose {
-        for LeftOut { image, reason } in left_out {
+        for LeftOut { image, reason, .. } in left_out {
             output.note(&format!("{image}: {reason}"));
         }
     }
