@@ -6,6 +6,7 @@ use super::folder::{ExportFolder, SUMS_FILE};
 use super::part::{PartRecord, record_name, recorded};
 use super::plan::ExportPlan;
 use crate::made::{Difference, Digests, Files, Made, Remade};
+use crate::run::keys;
 use rayon::prelude::*;
 use render::line::Split;
 use std::path::Path;
@@ -38,7 +39,9 @@ impl Stale {
                 let record = PartRecord::read(out, split, number)?;
                 let differences = match &record {
                     Some(record) if record.of.is_empty() => vec![unknown(split, number)],
-                    Some(record) => digests.differences(&record.made(), tuples, &results)?,
+                    Some(record) => {
+                        of_scenes(digests.differences(&record.made(), tuples, &results)?)
+                    }
                     None => vec![unknown(split, number)],
                 };
                 Ok((number, record, differences))
@@ -98,6 +101,26 @@ impl Stale {
         }
         Ok(())
     }
+}
+
+/// Names the folders of tuples in place of their files.
+fn of_scenes(differences: Vec<Difference>) -> Vec<Difference> {
+    let folder = |key: String| match keys::scene_of(&key) {
+        Some(scene) => format!("{}/{scene}", keys::TUPLES),
+        None => key,
+    };
+    let mut found: Vec<Difference> = Vec::new();
+    for difference in differences {
+        let difference = match difference {
+            Difference::Input(key) => Difference::Input(folder(key)),
+            Difference::InputGone(key) => Difference::InputGone(folder(key)),
+            of_file => of_file,
+        };
+        if !found.contains(&difference) {
+            found.push(difference);
+        }
+    }
+    found
 }
 
 /// Returns the difference of a part of which nothing is known.
