@@ -72,11 +72,11 @@ pub(crate) fn cut(text: &str, limit: usize) -> String {
     first
 }
 
-/// Replaces control characters except tabs and line feeds, because a log's escape codes could hide text, and the
-/// characters that reverse the direction of text.
+/// Replaces control characters except tabs and line feeds, because a log's escape codes could hide text, the characters that
+/// reverse the direction of text, and [credentials](without_credentials).
 pub(crate) fn printable<'a>(text: impl Into<Cow<'a, str>>) -> Cow<'a, str> {
     let is_hidden = |c: char| (c.is_control() || is_reversing(c)) && c != '\n' && c != '\t';
-    let text = text.into();
+    let text = without_credentials(text.into());
     if text.contains(is_hidden) { text.replace(is_hidden, "\u{fffd}").into() } else { text }
 }
 
@@ -87,6 +87,7 @@ fn is_reversing(c: char) -> bool {
 
 /// Escapes the characters that [`printable`] replaces and that JSON permits in its texts, because terminals obey them.
 pub(crate) fn printable_json(json: String) -> String {
+    let json = without_credentials(json.into()).into_owned();
     let is_hidden = |c: char| matches!(c, '\u{7f}'..='\u{9f}') || is_reversing(c);
     if !json.contains(is_hidden) {
         return json;
@@ -95,6 +96,59 @@ pub(crate) fn printable_json(json: String) -> String {
         if is_hidden(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() }
     };
     json.chars().map(escape).collect()
+}
+
+/// Names of parameters of an address whose values are secret, in lower case.
+const SECRET_PARAMETERS: [&str; 7] =
+    ["sig", "signature", "token", "password", "secret", "credential", "key"];
+
+/// Hides what stands for a user in the addresses of a text, and secret parameters: `s3://KEY:SECRET@bucket` becomes `s3://…@bucket`.
+pub(crate) fn without_credentials(text: Cow<'_, str>) -> Cow<'_, str> {
+    if !text.contains("://") {
+        return text;
+    }
+    let mut clean = String::with_capacity(text.len());
+    let mut rest = &*text;
+    while let Some(at) = rest.find("://") {
+        let (before, address) = rest.split_at(at + 3);
+        clean.push_str(before);
+        let is_end = |c: char| c.is_whitespace() || matches!(c, '"' | '<' | '>' | '`' | '\\');
+        let end = address.find(is_end).unwrap_or(address.len());
+        // Several servers are separated by commas; each of the others has a scheme of its own.
+        let end = address[..end]
+            .find("://")
+            .map_or(end, |next| address[..next].rfind(',').map_or(next, |comma| comma + 1));
+        let (address, after) = address.split_at(end);
+        clean.push_str(&hidden(address));
+        rest = after;
+    }
+    clean.push_str(rest);
+    clean.into()
+}
+
+/// Hides user and secret parameters of an address without its scheme.
+fn hidden(address: &str) -> String {
+    let host = address.find(['/', '?']).unwrap_or(address.len());
+    let user = match address[..host].rfind('@') {
+        Some(at) => Some(at),
+        // A secret key may have a slash: then a colon precedes it that no port follows.
+        None => address[..host]
+            .split_once(':')
+            .filter(|(_, port)| !port.chars().all(|c| c.is_ascii_digit()) || port.is_empty())
+            .and_then(|_| address.rfind('@')),
+    };
+    let address = user.map_or_else(|| address.to_owned(), |at| format!("…{}", &address[at..]));
+    let Some((path, parameters)) = address.split_once('?') else {
+        return address;
+    };
+    let hide = |parameter: &str| match parameter.split_once('=') {
+        Some((name, _)) if SECRET_PARAMETERS.iter().any(|s| name.to_lowercase().contains(s)) => {
+            format!("{name}=…")
+        }
+        _ => parameter.to_owned(),
+    };
+    let parameters: Vec<String> = parameters.split('&').map(hide).collect();
+    format!("{path}?{}", parameters.join("&"))
 }
 
 /// Splits a line of CSV (RFC 4180) into cells. Returns `None` if a quote is not closed.
@@ -119,6 +173,29 @@ pub(crate) fn csv_cells(line: &str) -> Option<Vec<String>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn credentials_of_addresses_are_hidden() {
+        for (text, clean) in [
+            ("s3://AKIA:S3CRET@bucket/x is no store", "s3://…@bucket/x is no store"),
+            ("\"s3://AKIA:S3/CR+ET@b/x.png\",", "\"s3://…@b/x.png\","),
+            (
+                "nats://S3CRET@one:4222,nats://a:S3C@RET@two:4222",
+                "nats://…@one:4222,nats://…@two:4222",
+            ),
+            ("see https://b/x?sv=1&sig=S3CRET&a=1 and", "see https://b/x?sv=1&sig=…&a=1 and"),
+            ("https://b/x?X-Amz-Security-Token=S3CRET", "https://b/x?X-Amz-Security-Token=…"),
+            ("s3://AKIA:@bucket", "s3://…@bucket"),
+        ] {
+            assert_eq!(printable(text), clean);
+            assert_eq!(printable_json(text.to_owned()), clean);
+        }
+        for text in
+            ["s3://bucket/a@2x.png", "http://127.0.0.1:4222/a@b", "a@b.c", "://", "x://?a&b="]
+        {
+            assert_eq!(printable(text), text);
+        }
+    }
 
     #[test]
     fn numbers_are_readable() {

@@ -12,6 +12,7 @@ pictures of such a scene: `input` (I, what the camera sees), `transmission` (T, 
 - `python -m glasshouse.train` trains the networks of `glasshouse train` in PyTorch.
 """
 
+from . import adapters
 from ._native import TRACER_VERSION, GlasshouseError, SceneError, __version__, blake3
 from .examples import Examples, Mixtures, initial_weights, train_settings
 from .planning import plan
@@ -28,6 +29,7 @@ __all__ = [
     "SceneError",
     "Tuples",
     "__version__",
+    "adapters",
     "blake3",
     "initial_weights",
     "plan",

@@ -184,6 +184,7 @@ def train(
 
     Raises TrainError, and writes no checkpoint, if a setting, a weight, the loss or an example is unusable.
     """
+    check_device(device)
     training = run / "train" / name if name else run / "train"
     with locked(training / stage) if is_first() else unlocked():
         begun = from_first(lambda: begin(run, training, stage, steps, name, features))
@@ -204,6 +205,13 @@ def train(
             return session.run(batches, steps, checkpoint_every, stop or threading.Event())
         finally:
             batches.close()
+
+
+def check_device(device: str) -> None:
+    """Raises TrainError if PyTorch cannot compute on the device."""
+    if device.startswith("cuda") and not torch.cuda.is_available():
+        built = "was built without CUDA" if torch.version.cuda is None else "finds no GPU or no driver (nvidia-smi)"
+        raise TrainError(f"--device {device}: this PyTorch {built}; train with --device cpu", 4)
 
 
 @contextmanager
@@ -330,7 +338,7 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, catch)
     if int(os.environ.get("WORLD_SIZE", "1")) > 1:
-        if options.device == "cuda":
+        if options.device == "cuda" and torch.cuda.is_available():
             torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
         # The default arguments of this module hold the process group if the first step imports it: then gloo's threads
         # outlive the group, and may abort the process at its exit.

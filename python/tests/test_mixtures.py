@@ -113,6 +113,7 @@ def test_errors_name_the_remedy(run: Path, tmp_path: Path) -> None:
 
 
 def test_adapters_have_the_keys_of_the_programs(mixtures: glasshouse.Mixtures) -> None:
+    assert glasshouse.adapters is adapters  # as in docs/python.md, which imports the package alone
     plain = mixtures[1]
     keys = {
         adapters.xreflection: {"input", "target_t", "target_r", "fn", "real", "inp_path"},

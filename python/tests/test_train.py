@@ -202,6 +202,14 @@ MODULE = ["-m", "glasshouse.train"]
 # Both programs and the references: forward passes and steps.
 
 
+def test_a_missing_gpu_is_an_error(tmp_path: Path) -> None:
+    if torch.cuda.is_available():
+        pytest.skip("this machine has a GPU")
+    with pytest.raises(TrainError, match="--device cuda: this PyTorch .*; train with --device cpu") as caught:
+        trainer.train(tmp_path, "separation", 1, device="cuda")
+    assert caught.value.exit_code == 4
+
+
 def test_a_name_that_the_recipe_lacks_is_noted(
     lesson: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,7 +14,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 /// other times: FAT has steps of 2 s.
 const UNSETTLED: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(2)];
 /// Bytes of one read.
-const READ_BYTES: usize = 1 << 20;
+const READ_BYTES: usize = 1 << 17;
 
 #[derive(Debug, thiserror::Error)]
 pub enum MadeError {

@@ -2,6 +2,7 @@
 
 use super::keys;
 use crate::store::{Store, StoreError};
+use crate::text::without_credentials;
 use render::ids::SceneId;
 use serde::{Deserialize, Serialize};
 
@@ -25,7 +26,7 @@ impl QuarantineRecord {
         let record = Self {
             schema: QUARANTINE_SCHEMA.to_owned(),
             scene: scene.clone(),
-            reason: reason.to_owned(),
+            reason: without_credentials(reason.into()).into_owned(),
         };
         let mut json = serde_json::to_string_pretty(&record).expect("strings are JSON");
         json.push('\n');

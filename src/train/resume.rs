@@ -82,20 +82,22 @@ impl Beginning {
         self.own.as_ref().map_or(0, |own| own.state.step)
     }
 
-    /// Returns the settings of the training, which must equal those that its checkpoint fixes, except [`FREE`]. A cosine
-    /// without an end ends at the training's last step.
+    /// Returns the settings of the training, which must equal those that its checkpoint fixes, except [`FREE`]. A training that begins
+    /// with the weights of another is a new one, whose networks must be the same. A cosine without an end ends at the training's
+    /// last step.
     pub(super) fn settings(&mut self, training: &Training) -> Result<TrainSettings, TrainError> {
         let of = |frozen: Option<&Checkpoint>| {
             (training.settings)(frozen.map(|frozen| &frozen.state.settings))
         };
-        let mut settings = of(self.own.as_ref().or(self.from.as_ref()).or(self.before.as_ref()));
+        let before = self.before.as_ref().filter(|_| self.from.is_none());
+        let mut settings = of(self.own.as_ref().or(before));
         if settings.network == NetworkKind::Unet {
             if training.stage == Stage::Backtrack {
                 return Err(TrainError::NoBacktrackStage { run: training.typed() });
             }
             // A U-Net begins without BT-net.
             if self.before.take().is_some() {
-                settings = of(self.from.as_ref());
+                settings = of(None);
             }
         }
         settings.validate()?;

@@ -118,6 +118,13 @@ fn names_on_the_command_line(place: &Path, folder: &Path) {
         .expect(5)
         .says(&["width: 4 -> 8"]);
 
+    // The recipe's settings of a name count, also with weights of another training.
+    let new = place.join("train/net-seed-1");
+    std::fs::remove_dir_all(&new).unwrap();
+    let json = train(&["--name", "net-seed-1", "--from", text(&bounded), "--steps", "1"]).expect(0);
+    let settings = &json.json()["settings"];
+    assert_eq!((&settings["bound"], &settings["seed"]), (&0.0.into(), &1.into()));
+
     // A run of several trainings has no single network.
     let photo = folder.join("photo.png");
     image::RgbImage::from_fn(40, 40, |x, y| image::Rgb([(x * 6) as u8, (y * 6) as u8, 90]))

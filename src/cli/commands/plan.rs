@@ -8,9 +8,10 @@ use crate::cli::progress::Progress;
 use crate::cli::store_env;
 use crate::doctor::{available_bytes, bytes_text};
 use crate::outputs::check_place;
-use crate::run::{PlanOptions, Planned, plan_run};
+use crate::run::{PlanOptions, Planned, keys, plan_run};
 use clap::Args as ClapArgs;
 use plan::{Calibration, Cost, Estimate, InvalidInput, Recipe, cost};
+use render::atomic_file;
 use render::line::{Roots, SceneLine, is_url};
 use render::scene::read_files_by;
 use render::trace::Isa;
@@ -19,10 +20,14 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use tempfile::TempDir;
 
-#[derive(Debug, ClapArgs)]
+/// The recipe of a folder of photographs.
+const FOLDER_RECIPE: &str = include_str!("../../../manifests/folder.toml");
+
+#[derive(Clone, Debug, ClapArgs)]
 pub(super) struct PlanArgs {
-    /// Recipe (.toml) or scenes (.jsonl)
+    /// Recipe (.toml), scenes (.jsonl), or a folder of photographs, for manifests/folder.toml
     pub(super) recipe: PathBuf,
     /// Folder of the run [default: runs/NAME]
     #[arg(long, value_name = "RUN")]
@@ -35,6 +40,32 @@ pub(super) struct PlanArgs {
     pub(super) skip_invalid: bool,
     #[command(flatten)]
     pub(super) roots: RootArgs,
+}
+
+/// Returns the arguments as typed, or, for a folder of photographs, those of the recipe for folders, with the temporary folder of the
+/// recipe.
+pub(super) fn of_folder(typed: &PlanArgs) -> Result<(PlanArgs, Option<TempDir>), Failure> {
+    let folder = &typed.recipe;
+    if !folder.is_dir() {
+        return Ok((typed.clone(), None));
+    }
+    if folder.join(keys::SPEC).is_file() {
+        let run = folder.display();
+        return Err(failure!(Exit::Usage, "{run} is a run: `glasshouse work {run}` continues it"));
+    }
+    let failed = |e: &dyn fmt::Display| {
+        failure!(Exit::Failed, "cannot use the folder {}: {e}", folder.display())
+    };
+    let real = folder.canonicalize().map_err(|e| failed(&e))?;
+    let name = real.file_name().unwrap_or("photos".as_ref());
+    let place = tempfile::tempdir().map_err(|e| failed(&e))?;
+    let recipe = place.path().join("folder.toml");
+    atomic_file::write(&recipe, FOLDER_RECIPE.as_bytes()).map_err(|e| failed(&e))?;
+    let mut args = typed.clone();
+    args.out = Some(typed.out.clone().unwrap_or_else(|| Path::new("runs").join(name)));
+    args.roots.roots.push(format!("photos={}", real.display()));
+    args.recipe = recipe;
+    Ok((args, Some(place)))
 }
 
 /// Returns the run's folder: `--out`, or `runs/NAME` with the recipe's file name, without its extension.
@@ -121,6 +152,8 @@ impl Steps<'_> {
 }
 
 pub(super) fn run(args: &PlanArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
+    let (args, _recipe) = of_folder(args)?;
+    let args = &args;
     let planned = plan_with(args, global, output)?;
     let folder = run_folder(args);
     let cost = cost(Estimate {

@@ -27,7 +27,8 @@ pub(super) struct RunArgs {
 }
 
 pub(super) fn run(args: &RunArgs, global: &Global, output: &Output) -> Result<Exit, Failure> {
-    let plan = &args.plan;
+    let (plan, _recipe) = plan_command::of_folder(&args.plan)?;
+    let plan = &plan;
     if global.dry_run {
         return plan_command::run(plan, global, output);
     }

@@ -103,6 +103,8 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
     let recipe = recipe.and_then(|trainings| trainings.find(args.name.as_deref()));
     let (stage, steps) = stage_and_steps(args, recipe.as_ref())?;
     let checkpoint_every = recipe.as_ref().and_then(|recipe| recipe.checkpoint_every);
+    let from = args.from.as_deref().map(|folder| checkpoint(folder, output)).transpose()?;
+    let of_from = from.as_ref().map(|from| from.state.settings.clone());
     let settings = |frozen: Option<&TrainSettings>| {
         let typed = args.settings.features.as_deref();
         if frozen.is_none() && typed == Some("random") {
@@ -110,17 +112,16 @@ pub(super) fn run(args: &TrainArgs, global: &Global, output: &Output) -> Result<
                 "the features have random weights, unlike the paper's; every checkpoint records this setting",
             );
         }
-        if let (None, None, Some(name)) = (frozen, &recipe, &args.name) {
+        if let (None, None, None, Some(name)) = (frozen, &recipe, &of_from, &args.name) {
             output.note(&format!(
                 "the recipe has no training {name:?}: this one begins with the default settings"
             ));
         }
         let of_recipe = || recipe.as_ref().map(|recipe| recipe.settings.clone());
-        let base = frozen.cloned().or_else(of_recipe).unwrap_or_default();
+        let base = frozen.cloned().or_else(of_recipe).or(of_from.clone()).unwrap_or_default();
         args.settings.over(&base)
     };
     let real = args.real.as_deref();
-    let from = args.from.as_deref().map(|folder| checkpoint(folder, output)).transpose()?;
     let select = |folder: &PathBuf| Ok::<_, Failure>((folder.clone(), real_pairs(folder, output)?));
     let training = Training {
         name: args.name.clone(),
