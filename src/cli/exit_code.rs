@@ -147,7 +147,7 @@ exit_codes! {
     crate::farm::FarmError {
         (Access) => its_own,
         NoInputs => InvalidInput,
-        Queue | Sandbox => Failed,
+        Queue | Sandbox | Threads => Failed,
     }
     crate::farm::queue::QueueError {
         _ => Usage,

@@ -22,8 +22,17 @@ pub(super) struct Progress {
     /// Number of units in `done` that existed before the start.
     free: AtomicU64,
     start: Instant,
-    /// Scenes with photographs that do not fill the view: largest share of a layer's paths that miss, and id.
-    narrow: Mutex<Vec<(f64, String)>>,
+    /// Scenes with photographs that do not fill the view.
+    narrow: Mutex<Vec<NarrowScene>>,
+}
+
+/// A scene with a photograph that does not fill the view.
+struct NarrowScene {
+    /// Largest share of a layer's paths that miss the photograph.
+    miss_share: f64,
+    id: String,
+    /// True if the intrinsics of a photograph are probably wrong.
+    has_odd_view: bool,
 }
 
 /// Largest share of a layer's paths that may miss the photograph without a note.
@@ -122,15 +131,25 @@ impl Progress {
     /// Prints a note about scenes with views that exceed their photographs.
     pub(super) fn note_narrow_scenes(&self, output: &Output) {
         let narrow = self.narrow.lock().expect("no holder of this lock panics");
-        let worst = narrow.iter().max_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((share, scene)) = worst {
-            output.note(&format!(
-                "in {} scenes, over {:.0} % of a layer's paths miss the photograph (worst: {scene}, {:.0} %); a longer focal \
-                 length, less tilt or apex \"mirror\" keeps more paths on it",
-                narrow.len(),
-                NARROW_SHARE * 100.0,
-                share * 100.0,
-            ));
+        let causes = [
+            (
+                true,
+                "the intrinsics of a photograph are probably not its own: correct them, or their \"size\" (`glasshouse inspect` \
+                 of the scene's tuple names them)",
+            ),
+            (false, "a longer focal length, less tilt or apex \"mirror\" keeps more paths on it"),
+        ];
+        for (has_odd_view, remedy) in causes {
+            let scenes = narrow.iter().filter(|scene| scene.has_odd_view == has_odd_view);
+            let worst = scenes.clone().max_by(|a, b| a.miss_share.total_cmp(&b.miss_share));
+            if let Some(NarrowScene { miss_share, id, .. }) = worst {
+                output.note(&format!(
+                    "in {} scenes, over {:.0} % of a layer's paths miss the photograph (worst: {id}, {:.0} %); {remedy}",
+                    scenes.count(),
+                    NARROW_SHARE * 100.0,
+                    miss_share * 100.0,
+                ));
+            }
         }
     }
 
@@ -176,11 +195,11 @@ impl Progress {
                     )),
                 }
             }
-            Event::SceneMerged { scene, miss_share } => {
+            Event::SceneMerged { scene, miss_share, has_odd_view } => {
                 self.message(format!("{scene} merged"));
                 if miss_share > NARROW_SHARE {
                     let mut narrow = self.narrow.lock().expect("no holder of this lock panics");
-                    narrow.push((miss_share, scene.to_string()));
+                    narrow.push(NarrowScene { miss_share, id: scene.to_string(), has_odd_view });
                 }
             }
             Event::Sandboxed { scene } => note(&format!(

@@ -2,12 +2,9 @@
 
 use super::EvaluateError;
 use super::layout::{Layout, Role, is_other_picture, layer_folder, picture_stem, recognise};
+use render::file_tree::{ListError, Visits, file_tree};
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
-
-/// Depth limit of the search, which also ends link cycles.
-const MAX_DEPTH: usize = 16;
 
 /// The files of a picture, of its truth and, if they exist, of its reflections.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,8 +34,21 @@ pub struct Found {
 /// Lists the files and folders that it leaves out, such as pictures without a partner or in other formats. Ignores
 /// hidden files and folders, and files outside layer folders that are not pictures. A folder without pairs is an error.
 pub fn find_pairs(dir: &Path) -> Result<Found, EvaluateError> {
+    let failed = |e: ListError| EvaluateError::Read { path: e.path, source: e.source };
+    let tree = file_tree(dir, Visits::Once, &|_| true).map_err(failed)?;
     let mut search = Search::default();
-    search.folder(dir, dir, "", 0)?;
+    for name in tree.odd {
+        search.leave_out(&dir.join(name), "its name is not UTF-8; rename it");
+    }
+    for (name, other) in tree.other_names {
+        let reason = format!(
+            "is another name of the folder {other}, or of one around it; a folder is searched once"
+        );
+        search.leave_out(&dir.join(name), &reason);
+    }
+    for file in &tree.files {
+        search.file(dir, file);
+    }
     let found = search.settle();
     if found.pairs.is_empty() {
         return Err(EvaluateError::NoPairs {
@@ -57,79 +67,60 @@ struct Search {
 }
 
 impl Search {
-    /// Searches a folder; the names of its pairs start with `group`.
-    fn folder(
-        &mut self,
-        root: &Path,
-        dir: &Path,
-        group: &str,
-        depth: usize,
-    ) -> Result<(), EvaluateError> {
-        if depth > MAX_DEPTH {
-            self.leave_out(dir, &format!("is more than {MAX_DEPTH} folders deep"));
-            return Ok(());
+    /// Adds a file below `root`.
+    fn file(&mut self, root: &Path, file: &str) {
+        let (folder, name) = file.rsplit_once('/').unwrap_or(("", file));
+        if name.starts_with('.') {
+            return;
         }
-        let within = |name: &str| match group {
-            "" => name.to_owned(),
-            _ => format!("{group}/{name}"),
-        };
-        for (name, path) in self.entries(dir)? {
-            if path.is_dir() {
-                match layer_folder(&name) {
-                    Some(role) => self.layer(&path, role, &within)?,
-                    None => self.folder(root, &path, &within(&name), depth + 1)?,
-                }
-            } else if let Some(stem) = picture_stem(&name) {
-                let Some((layout, role, own_name)) = recognise(stem) else {
-                    self.leave_out(&path, "its name fits no known layout; put it into blended/ or transmission_layer/, or name it NAME-input or NAME-label1");
-                    continue;
-                };
-                let own_name = match (own_name.as_str(), group) {
-                    ("", "") => last_part(root),
-                    ("", _) => group.to_owned(),
-                    (own_name, _) => within(own_name),
-                };
-                self.place(own_name, layout, role, path);
-            } else if is_other_picture(&name) {
-                self.leave_out(&path, NO_PICTURE);
-            }
-        }
-        Ok(())
-    }
-
-    /// Searches a layer folder; all its pictures have the same role.
-    fn layer(
-        &mut self,
-        dir: &Path,
-        role: Role,
-        within: &dyn Fn(&str) -> String,
-    ) -> Result<(), EvaluateError> {
-        for (name, path) in self.entries(dir)? {
-            if path.is_dir() {
-                self.leave_out(&path, "is a folder in a layer's folder; move its pictures up");
-            } else if let Some(stem) = picture_stem(&name) {
-                self.place(within(stem), Layout::LayerFolders, role, path);
+        let mut group = Vec::new();
+        let mut folders = folder.split('/').filter(|folder| !folder.is_empty());
+        while let Some(folder) = folders.next() {
+            let Some(role) = layer_folder(folder) else {
+                group.push(folder);
+                continue;
+            };
+            // A folder in a layer's folder, which all of its files name.
+            if let Some(inner) = folders.next() {
+                let path = group.iter().chain([&folder, &inner]).collect();
+                self.leave_folder_out(&root.join::<PathBuf>(path));
+            } else if let Some(stem) = picture_stem(name) {
+                let path = root.join(file);
+                self.place(within(&group, stem), Layout::LayerFolders, role, path);
             } else {
-                self.leave_out(&path, NO_PICTURE);
+                self.leave_out(&root.join(file), NO_PICTURE);
             }
+            return;
         }
-        Ok(())
+        self.loose(root, file, &group, name);
     }
 
-    /// Lists the names and paths of the entries that are not hidden. Leaves out names that are not UTF-8.
-    fn entries(&mut self, dir: &Path) -> Result<Vec<(String, PathBuf)>, EvaluateError> {
-        let failed = |source| EvaluateError::Read { path: dir.to_owned(), source };
-        let mut entries = Vec::new();
-        for entry in fs::read_dir(dir).map_err(failed)? {
-            let path = entry.map_err(failed)?.path();
-            match path.file_name().and_then(|name| name.to_str()) {
-                Some(name) if name.starts_with('.') => {}
-                Some(name) => entries.push((name.to_owned(), path)),
-                None => self.leave_out(&path, "its name is not UTF-8; rename it"),
+    /// Adds a file outside of layer folders.
+    fn loose(&mut self, root: &Path, file: &str, group: &[&str], name: &str) {
+        let path = root.join(file);
+        let Some(stem) = picture_stem(name) else {
+            if is_other_picture(name) {
+                self.leave_out(&path, NO_PICTURE);
             }
+            return;
+        };
+        let Some((layout, role, own_name)) = recognise(stem) else {
+            self.leave_out(&path, "its name fits no known layout; put it into blended/ or transmission_layer/, or name it NAME-input or NAME-label1");
+            return;
+        };
+        let own_name = match (own_name.as_str(), group) {
+            ("", []) => last_part(root),
+            ("", _) => group.join("/"),
+            (own_name, _) => within(group, own_name),
+        };
+        self.place(own_name, layout, role, path);
+    }
+
+    fn leave_folder_out(&mut self, folder: &Path) {
+        let reason = "is a folder in a layer's folder; move its pictures up";
+        if self.left_out.last().is_none_or(|(last, _)| last != folder) {
+            self.leave_out(folder, reason);
         }
-        entries.sort();
-        Ok(entries)
     }
 
     fn place(&mut self, name: String, layout: Layout, role: Role, path: PathBuf) {
@@ -186,6 +177,11 @@ impl Search {
     }
 }
 
+/// Returns the name of a pair in nested folders.
+fn within(group: &[&str], name: &str) -> String {
+    group.iter().copied().chain([name]).collect::<Vec<_>>().join("/")
+}
+
 const NO_PICTURE: &str = "is not a .jpg, .jpeg or .png file; save it as one";
 
 /// Returns the folder's own name, or `picture` for a path without a name in UTF-8.
@@ -197,6 +193,8 @@ fn last_part(dir: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
+    use std::os::unix::fs::symlink;
 
     /// Makes a folder with these empty files.
     fn folder(files: &[&str]) -> tempfile::TempDir {
@@ -285,6 +283,33 @@ mod tests {
         assert_eq!(left_out(dir.path(), &found)[0].0, "wild/2/m.jpg");
         let one = find_pairs(&dir.path().join("wild/1")).unwrap();
         assert_eq!(names(&one), ["1"]);
+    }
+
+    #[test]
+    fn a_folder_with_several_names_is_searched_once() {
+        let dir = folder(&[
+            "a/blended/x.png",
+            "a/transmission_layer/x.png",
+            "a/blended/deep/y.png",
+            "a/blended/deep/z.png",
+            "@eaDir/blended/x.png",
+            "@eaDir/transmission_layer/x.png",
+            "a/blended/._x.png",
+        ]);
+        symlink(".", dir.path().join("me")).unwrap();
+        symlink("a", dir.path().join("0")).unwrap();
+        let found = find_pairs(dir.path()).unwrap();
+        assert_eq!(names(&found), ["a/x"]);
+        let left_out = left_out(dir.path(), &found);
+        let expected = [
+            ("0", "another name of the folder a"),
+            ("a/blended/deep", "is a folder in a layer's"),
+            ("me", "a folder is searched once"),
+        ];
+        assert_eq!(left_out.len(), expected.len(), "{left_out:?}");
+        for ((path, reason), (expected_path, part)) in left_out.iter().zip(expected) {
+            assert!(path == expected_path && reason.contains(part), "{path} {reason}");
+        }
     }
 
     #[test]

@@ -286,7 +286,7 @@ impl Coordinator<'_> {
             }
             (self.on_event)(Event::ShardDone { resumed: self.first });
             let scene = run.lines[scene].id.clone();
-            (self.on_event)(Event::SceneMerged { scene, miss_share: 0.0 });
+            (self.on_event)(Event::SceneMerged { scene, miss_share: 0.0, has_odd_view: false });
         }
         self.first = false;
     }

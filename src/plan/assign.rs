@@ -147,6 +147,9 @@ impl<'a> Assignment<'a> {
         let source = scene.sources[side];
         let subset = &self.subsets[&(scene.split, source)];
         let same_source = scene.sources[0] == scene.sources[1];
+        let is_partner = |image: &SourceImage| {
+            same_source && image.color == partner.color || image.is_shared_with(partner)
+        };
         let number = change.to_string();
         let side_name = ["front", "back"][side];
         let fitness = |image: &SourceImage| {
@@ -160,7 +163,7 @@ impl<'a> Assignment<'a> {
         subset
             .iter()
             .filter(|image| !self.excluded.contains(&photograph_name(source, image)))
-            .filter(|image| !(same_source && image.color == partner.color))
+            .filter(|image| !is_partner(image))
             .min_by_key(|image| fitness(image))
             .copied()
             .ok_or_else(|| RecipeError::NoSubstitute {
@@ -183,7 +186,9 @@ fn split_all<'a>(
     recipe: &'a Recipe,
     sources: &'a BTreeMap<String, Vec<SourceImage>>,
 ) -> Result<Subsets<'a>, RecipeError> {
-    let mut subsets = BTreeMap::new();
+    let mut subsets: Subsets<'a> = BTreeMap::new();
+    // Splits of the photographs that several sources have.
+    let mut split_of: BTreeMap<usize, Split> = BTreeMap::new();
     for name in recipe.sources.keys() {
         let uses = |key: &str| sides(key).contains(&name.as_str());
         let wanted: Vec<(Split, f64)> = recipe
@@ -200,8 +205,19 @@ fn split_all<'a>(
             .ok_or_else(|| RecipeError::NotIndexed { source_name: name.clone() })?;
         let shares: Vec<f64> = wanted.iter().map(|(_, share)| *share).collect();
         let split = split_photographs(recipe.seed, name, images, &shares)?;
-        for ((split, _), subset) in wanted.into_iter().zip(split) {
-            subsets.insert((split, name.as_str()), subset);
+        for ((own, _), subset) in wanted.iter().zip(split) {
+            for image in subset {
+                let split = image.shared.map_or(*own, |n| *split_of.entry(n).or_insert(*own));
+                // A photograph of another source's split stays out of a source without that split.
+                if wanted.iter().any(|(wanted, _)| *wanted == split) {
+                    subsets.entry((split, name.as_str())).or_default().push(image);
+                }
+            }
+        }
+        for (split, _) in wanted {
+            if subsets.get(&(split, name.as_str())).is_none_or(|subset| subset.len() < 2) {
+                return Err(RecipeError::SharedPhotographs { source_name: name.clone(), split });
+            }
         }
     }
     Ok(subsets)

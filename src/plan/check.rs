@@ -10,8 +10,8 @@ use render::ids::SceneId;
 use render::input_file::{InputFile, MAX_FILE_BYTES};
 use render::line::{Photograph, Roots, SceneLine, Side, Smudges, is_url};
 use render::scene::{
-    END_BYTES, FileEnds, FileRole, Look, OtherAspect, PhotographSizes, START_BYTES, check_turned,
-    far_depth_m, far_text, look, look_at_whole,
+    AssembleError, END_BYTES, FileEnds, FileRole, Look, OddView, OtherAspect, PhotographSizes,
+    START_BYTES, check_turned, far_depth_m, far_text, look, look_at_whole,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -186,6 +186,39 @@ impl<'a> Checker<'a> {
         first.into_values().collect()
     }
 
+    /// Returns a remark on the first photograph of each folder or root with intrinsics that are probably wrong.
+    pub(super) fn odd_views(&self, lines: &[SceneLine]) -> Vec<String> {
+        let mut first: BTreeMap<&str, String> = BTreeMap::new();
+        for (line, side, photograph) in lines.iter().flat_map(photographs_of) {
+            let place = place_of(&photograph.color);
+            if first.contains_key(place) {
+                continue;
+            }
+            if let Ok(Some(view)) = self.view(line, side, photograph) {
+                first.insert(place, view.text(&photograph.color));
+            }
+        }
+        first.into_values().collect()
+    }
+
+    /// Checks the intrinsics of a photograph with usable files.
+    fn view(
+        &self,
+        line: &SceneLine,
+        side: &'static str,
+        photograph: &Photograph,
+    ) -> Result<Option<OddView>, AssembleError> {
+        let px = |path, role| Some(self.size(path, role)?.used_px(photograph.orientation));
+        let depth_px = || match &photograph.sketch {
+            None => px(&photograph.depth, FileRole::Depth),
+            Some(_) => photograph.intrinsics.size.map(|size| size.map(|side| side as usize)),
+        };
+        match px(&photograph.color, FileRole::Color).zip(depth_px()) {
+            Some((color_px, depth_px)) => OddView::find(line, side, color_px, depth_px),
+            None => Ok(None),
+        }
+    }
+
     /// Returns the size of a usable picture.
     fn size(&self, path: &str, role: FileRole) -> Option<PictureSize> {
         match self.seen.get(&(path.to_owned(), role)) {
@@ -227,6 +260,11 @@ impl<'a> Checker<'a> {
     fn problems<'l>(&self, line: &'l SceneLine) -> Vec<(&'l str, String)> {
         let seen = |path: &str, role| self.seen.get(&(path.to_owned(), role));
         let mut problems = Vec::new();
+        for (line, side, photograph) in photographs_of(line) {
+            if let Err(error) = self.view(line, side, photograph) {
+                problems.push((photograph.color.as_str(), error.to_string()));
+            }
+        }
         for side in [&line.front, &line.back] {
             for (path, role) in roles(side) {
                 if let Some(Checked::Wrong(problem) | Checked::Refused(problem)) = seen(path, role)
@@ -268,8 +306,16 @@ impl<'a> Checker<'a> {
     }
 }
 
+/// Returns the photographs of a line, each with the line and the name of its side.
+fn photographs_of(
+    line: &SceneLine,
+) -> impl Iterator<Item = (&SceneLine, &'static str, &Photograph)> {
+    let sides = [("front", &line.front), ("back", &line.back)].into_iter();
+    sides.filter_map(move |(name, side)| Some((line, name, side.photograph()?)))
+}
+
 fn photographs(lines: &[SceneLine]) -> impl Iterator<Item = &Photograph> {
-    lines.iter().flat_map(|line| [&line.front, &line.back]).filter_map(Side::photograph)
+    lines.iter().flat_map(photographs_of).map(|(.., photograph)| photograph)
 }
 
 /// Returns the root or the folder of a path in a scene line.

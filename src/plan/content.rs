@@ -1,9 +1,11 @@
 //! The content of a recipe or a manifest: scenes, roots of their files, notes.
 
+use super::copies::{copies, number_shared};
 use super::diode::{Index, SourceImage, from_paths, index_paths, index_source};
 use super::draw_scenes::{DrawnScenes, PreviewContext, RejectedScene, draw_all};
 use super::expand::{Expansion, expand_counted};
 use super::folder::index_folder;
+use super::inputs::list_objects;
 use super::list::{LIST_NAME, index_list};
 use super::places::{PlacesFolders, index_places};
 use super::procedural_inputs::{
@@ -200,7 +202,7 @@ fn places(
     let mut listed = BTreeMap::new();
     for folder in [color, depth] {
         if is_url(folder) {
-            listed.insert(folder, request.inputs.list(folder)?);
+            listed.insert(folder, list_objects(folder, request.inputs)?);
         }
     }
     let list = |folder: &Path| listed.get(folder).cloned();
@@ -220,7 +222,7 @@ pub(super) fn from_recipe(
     let mut notes = Vec::new();
     let mut to_make = Vec::new();
     for (name, source) in &recipe.sources {
-        let index: Index = if source.layout == Layout::Sample {
+        let mut index: Index = if source.layout == Layout::Sample {
             let seed = source.seed.unwrap_or(recipe.seed);
             let mut photographs = procedural::listing(source.count.unwrap_or(0) as usize, seed);
             let is_textured = source.textured.unwrap_or(false);
@@ -252,9 +254,7 @@ pub(super) fn from_recipe(
                     request,
                 )?
             } else if source.layout == Layout::Folder {
-                let (index, remarks) = index_folder(name, &folder, source, request.inputs)?;
-                notes.extend(remarks);
-                index
+                index_folder(name, &folder, source, request.inputs)?
             } else if source.layout == Layout::List {
                 let list = match &source.list {
                     Some(list) => parent(path).join(list),
@@ -262,11 +262,16 @@ pub(super) fn from_recipe(
                 };
                 index_list(name, &list, request.inputs.read(&list))?
             } else if is_url(&folder) {
-                index_paths(name, &folder, &request.inputs.list(&folder)?)?
+                index_paths(name, &folder, &list_objects(&folder, request.inputs)?)?
             } else {
                 index_source(name, &folder)?
             }
         };
+        if let Some(folder) = folders.get(name) {
+            let copies = copies(folder, &mut index.images, |image| &image.color);
+            index.notes.extend(copies.notes());
+        }
+        notes.extend(index.notes.iter().map(|note| format!("source {name}: {note}")));
         if let Some(first) = index.without_depth.first() {
             let count = index.without_depth.len();
             notes.push(format!(
@@ -275,6 +280,7 @@ pub(super) fn from_recipe(
         }
         images.insert(name.clone(), index.images);
     }
+    number_shared(&mut images, |name| folders.get(name));
     if recipe.cover.is_some() {
         to_make.extend(covers(&recipe));
         roots.insert(COVER_ROOT.to_owned(), Path::new("inputs").join(COVER_ROOT));

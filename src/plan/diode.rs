@@ -4,11 +4,11 @@
 //! [train|val/](indoors|outdoor)/scene_NNNNN/scan_NNNNN/NAME{.png,_depth.npy,_depth_mask.npy}
 //! ```
 
-use super::list::ListError;
+use super::list::ListError as PhotographListError;
 use procedural::Place;
+use render::file_tree::{ListError, Visits, file_tree};
 use render::line::{DepthRange, Side};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -32,6 +32,15 @@ pub struct SourceImage {
     pub side: Option<Side>,
     /// For a photograph of a list: values of `"from_source"` parameters.
     pub values: BTreeMap<String, f64>,
+    /// Number of the photograph among those that several sources have.
+    pub shared: Option<usize>,
+}
+
+impl SourceImage {
+    /// True if the photograph of another source is the same one.
+    pub(super) fn is_shared_with(&self, other: &Self) -> bool {
+        self.shared.is_some() && self.shared == other.shared
+    }
 }
 
 /// The photographs of a source.
@@ -41,6 +50,8 @@ pub struct Index {
     pub images: Vec<SourceImage>,
     /// Paths of colour images that have no depth image and are left out.
     pub without_depth: Vec<String>,
+    /// Remarks on the listing.
+    pub notes: Vec<String>,
 }
 
 /// Error of a source that cannot be listed.
@@ -79,14 +90,14 @@ pub enum IndexError {
          photographs.jsonl into the source's root (--root {name}=DIR)", path.display())]
     NoList { name: String, path: PathBuf, source: io::Error },
     #[error("source {name}: list {}: {source}", path.display())]
-    List { name: String, path: PathBuf, source: ListError },
+    List { name: String, path: PathBuf, source: PhotographListError },
 }
 
 /// Reason why a folder cannot be a source.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
-    #[error("cannot list {}: {source}", path.display())]
-    List { path: PathBuf, source: io::Error },
+    #[error(transparent)]
+    List(#[from] ListError),
     #[error("{} holds no picture (.jpg, .jpeg, .png, .exr, .hdr){}", path.display(), unreadable_text(*unreadable))]
     NoPictures {
         path: PathBuf,
@@ -118,8 +129,9 @@ fn left_out(without_depth: usize) -> String {
 
 /// Lists the photographs of the source `name`, in DIODE's layout, in `folder`.
 pub(crate) fn index_source(name: &str, folder: &Path) -> Result<Index, IndexError> {
-    let paths = files_below(folder, may_hold_photographs, drop).map_err(|e| e.of(name))?;
-    index_paths(name, folder, &paths)
+    let tree = file_tree(folder, Visits::Once, &may_hold_photographs);
+    let tree = tree.map_err(|e| FolderError::from(e).of(name))?;
+    Ok(Index { notes: tree.notes(), ..index_paths(name, folder, &tree.files)? })
 }
 
 /// Finds the photographs of the source `name` among `paths`, which are relative to `folder`, with `/` as separator.
@@ -137,40 +149,6 @@ pub(crate) fn index_paths(
         });
     }
     Ok(index)
-}
-
-/// Lists all files below `folder`, in the folders that `enters` accepts, as relative paths (with `/`). Follows links.
-/// Names that are not UTF-8 are passed to `odd`; only the layout `folder` has such names.
-pub(super) fn files_below(
-    folder: &Path,
-    enters: fn(&str) -> bool,
-    mut odd: impl FnMut(String),
-) -> Result<Vec<String>, FolderError> {
-    let (mut open, mut found) = (vec![String::new()], Vec::new());
-    while let Some(below) = open.pop() {
-        let path = folder.join(&below);
-        let failed = |source| FolderError::List { path: path.clone(), source };
-        for entry in fs::read_dir(&path).map_err(failed)? {
-            let entry = entry.map_err(failed)?;
-            let relative = |file: &str| {
-                if below.is_empty() { file.to_owned() } else { format!("{below}/{file}") }
-            };
-            let file = entry.file_name();
-            let Some(file) = file.to_str() else {
-                odd(relative(&file.to_string_lossy()));
-                continue;
-            };
-            let relative = relative(file);
-            let kind = entry.file_type().map_err(failed)?;
-            let is_folder = kind.is_dir() || kind.is_symlink() && folder.join(&relative).is_dir();
-            if !is_folder {
-                found.push(relative);
-            } else if enters(&relative) {
-                open.push(relative);
-            }
-        }
-    }
-    Ok(found)
 }
 
 /// True if the layout has photographs below a folder with this path.
@@ -224,6 +202,7 @@ pub(crate) fn from_paths(paths: &[String]) -> Index {
             scan: scan.to_owned(),
             side: None,
             values: BTreeMap::new(),
+            shared: None,
         });
     }
     index
@@ -232,6 +211,7 @@ pub(crate) fn from_paths(paths: &[String]) -> Index {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     const SCAN: &str = "val/outdoor/scene_00022/scan_00193";
 

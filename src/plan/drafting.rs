@@ -80,6 +80,7 @@ pub fn draft(
     if request.checks_files {
         notes.extend(checker.far_depths(&draft.lines));
         notes.extend(checker.other_aspects(&draft.lines));
+        notes.extend(checker.odd_views(&draft.lines));
     }
     Ok(Drafted {
         input_bytes: request.checks_files.then(|| checker.bytes(&draft.lines)),

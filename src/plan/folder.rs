@@ -3,10 +3,12 @@
 //! Intrinsics come from the EXIF focal length for 35 mm film, or from a stated field of view. The place comes from the names of
 //! sub-folders, or is stated.
 
-use super::diode::{FolderError, Index, IndexError, SourceImage, files_below};
-use super::inputs::{InputFiles, StoreUnavailable};
+use super::copies::{Copies, copies};
+use super::diode::{FolderError, Index, IndexError, SourceImage};
+use super::inputs::{InputFiles, StoreUnavailable, list_objects};
 use super::source::Source;
 use procedural::Place;
+use render::file_tree::{FileId, FileTree, ListError, Visits, file_tree};
 use render::formats::{NamedBytes, PictureSize};
 use render::input_file::InputFile;
 use render::line::{
@@ -55,6 +57,10 @@ pub struct FolderPictures {
     pub pictures: Vec<FolderPicture>,
     /// Pictures that cannot be read, and the reason.
     pub unreadable: Vec<(String, String)>,
+    /// Remarks on the listing.
+    of_tree: Vec<String>,
+    /// Further names of pictures, which are left out.
+    copies: Copies,
     /// Number of pictures in formats that the program does not read.
     other_formats: usize,
     /// Number of pictures whose place nothing tells.
@@ -66,7 +72,8 @@ pub struct FolderPictures {
 impl FolderPictures {
     /// Returns remarks on what was assumed.
     pub fn notes(&self) -> Vec<String> {
-        let mut notes = Vec::new();
+        let mut notes = self.of_tree.clone();
+        notes.extend(self.copies.notes());
         if let Some((path, reason)) = self.unreadable.first() {
             let count = self.unreadable.len();
             notes.push(format!(
@@ -98,13 +105,15 @@ impl FolderPictures {
 }
 
 /// What is stated about a folder's pictures.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct FolderOptions {
     /// Place of all pictures.
     pub place: Option<Place>,
     /// Field of view of the longer side, degrees.
     pub field_of_view_deg: Option<f64>,
     pub orientation: Orientation,
+    /// A folder below, by any name, whose pictures are left out.
+    pub without: Option<FileId>,
 }
 
 /// Lists the pictures of the source `name` below `folder`, on a disk or in an object store.
@@ -113,13 +122,14 @@ pub(crate) fn index_folder(
     folder: &Path,
     source: &Source,
     inputs: &dyn InputFiles,
-) -> Result<(Index, Vec<String>), IndexError> {
+) -> Result<Index, IndexError> {
     let options = FolderOptions {
         place: source.place,
         field_of_view_deg: source.field_of_view_deg,
         orientation: source.orientation,
+        without: None,
     };
-    let found = folder_pictures(folder, options, inputs).map_err(|e| e.of(name))?;
+    let found = folder_pictures(folder, &options, inputs).map_err(|e| e.of(name))?;
     let image = |picture: &FolderPicture| {
         let mut photograph = picture.photograph.clone();
         photograph.highlights = source.highlights.filter(|_| photograph.transfer == Transfer::Srgb);
@@ -136,40 +146,46 @@ pub(crate) fn index_folder(
             scan: color,
             side: Some(photograph.into()),
             values: BTreeMap::new(),
+            shared: None,
         }
     };
     let images = found.pictures.iter().map(image).collect();
-    let notes = found.notes().into_iter().map(|note| format!("source {name}: {note}")).collect();
-    Ok((Index { images, without_depth: Vec::new() }, notes))
+    Ok(Index { images, notes: found.notes(), ..Index::default() })
 }
 
 /// Lists the pictures below `folder`.
 pub fn folder_pictures(
     folder: &Path,
-    options: FolderOptions,
+    options: &FolderOptions,
     inputs: &dyn InputFiles,
 ) -> Result<FolderPictures, FolderError> {
     let mut found = FolderPictures::default();
-    let mut paths = if is_url(folder) {
-        let failed = |e: StoreUnavailable| FolderError::List {
+    let tree = if is_url(folder) {
+        let failed = |e: StoreUnavailable| ListError {
             path: folder.to_owned(),
             source: io::Error::other(e.to_string()),
         };
-        inputs.list(folder).map_err(failed)?
+        let mut files = list_objects(folder, inputs).map_err(failed)?;
+        files.sort();
+        FileTree { files, ..FileTree::default() }
     } else {
-        let is_shown = |path: &str| !path.rsplit('/').next().unwrap_or(path).starts_with('.');
-        files_below(folder, is_shown, |path| {
-            found.unreadable.push((path, "its name is not UTF-8".to_owned()));
-        })?
+        let is_without = |id: FileId| Some(&id) == options.without.as_ref();
+        let enters = |below: &str| !FileId::of(&folder.join(below)).is_ok_and(is_without);
+        file_tree(folder, Visits::Once, &enters)?
     };
-    paths.sort();
-    for path in paths {
+    found.of_tree = tree.notes();
+    let not_text = |path| (path, "its name is not UTF-8".to_owned());
+    found.unreadable.extend(tree.odd.into_iter().map(not_text));
+    let mut names = Vec::new();
+    for path in tree.files {
         let ending = path.rsplit_once('.').map_or("", |(_, ending)| ending).to_lowercase();
-        let known = ENDINGS.into_iter().find(|(known, _)| *known == ending);
-        let Some((_, transfer)) = known else {
-            found.other_formats += usize::from(OTHER_ENDINGS.contains(&ending.as_str()));
-            continue;
-        };
+        match ENDINGS.into_iter().find(|(known, _)| *known == ending) {
+            Some((_, transfer)) => names.push((path, transfer)),
+            None => found.other_formats += usize::from(OTHER_ENDINGS.contains(&ending.as_str())),
+        }
+    }
+    found.copies = copies(folder, &mut names, |(path, _)| path);
+    for (path, transfer) in names {
         let picture = match Picture::read(&folder.join(&path), inputs) {
             Ok(picture) => picture,
             Err(reason) => {

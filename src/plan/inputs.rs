@@ -1,5 +1,6 @@
 //! Reads input files for planning: from local folders, or from stores through the caller.
 
+use render::file_tree::is_resource;
 use std::io;
 use std::path::Path;
 
@@ -43,6 +44,16 @@ impl InputFiles for LocalFiles {
     fn store_failure(&self, error: io::Error) -> Result<StoreUnavailable, io::Error> {
         Err(error)
     }
+}
+
+/// Lists the paths of all objects below a URL that may be inputs, without thumbnails and resources.
+pub(super) fn list_objects(
+    folder: &Path,
+    inputs: &dyn InputFiles,
+) -> Result<Vec<String>, StoreUnavailable> {
+    let mut paths = inputs.list(folder)?;
+    paths.retain(|path| !is_resource(path));
+    Ok(paths)
 }
 
 fn no_store(url: &Path) -> String {

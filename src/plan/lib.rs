@@ -8,6 +8,7 @@
 //! sensor, sensor_model, sensor_check, one_of      the camera of the photographs, and the sensors of sensors.toml
 //! cover, cover_draw                               what stands in the way of the window
 //! diode, places, list, folder                     list the photographs of a source
+//! copies                                          photographs with several names
 //! split -> pair -> assign                         photographs to splits, pairs and scenes; substitutes for excluded ones
 //! draw, source_values, sections -> expand         random numbers, values of photographs; scene lines
 //! preview, draw_scenes                            previews for exposure, white balance and rejection
@@ -22,6 +23,7 @@ mod assign;
 mod check;
 mod choice;
 mod content;
+mod copies;
 mod cost;
 mod cover;
 mod cover_check;
@@ -48,6 +50,8 @@ mod inputs;
 mod light;
 mod list;
 mod one_of;
+#[cfg(test)]
+mod one_photograph_tests;
 mod pair;
 mod param;
 mod places;

@@ -108,6 +108,7 @@ fn parse_line(json: &str) -> Result<SourceImage, String> {
         scan,
         side: Some(side),
         values: listed.values,
+        shared: None,
     })
 }
 
@@ -142,7 +143,7 @@ pub(crate) fn index_list(
         path: list.to_owned(),
         source,
     })?;
-    Ok(Index { images, without_depth: Vec::new() })
+    Ok(Index { images, ..Index::default() })
 }
 
 #[cfg(test)]

@@ -61,7 +61,8 @@ pub(super) fn pairs<'a>(
     }
 }
 
-/// Makes `count` pairs with fronts from one source and backs from another. Uses the photographs of each equally often.
+/// Makes `count` pairs with fronts from one source and backs from another. Uses the photographs of each equally often. No pair
+/// has a photograph of both sources twice.
 pub(super) fn pairs_between<'a>(
     dataset_seed: u64,
     key: [&str; 2],
@@ -70,7 +71,11 @@ pub(super) fn pairs_between<'a>(
 ) -> Vec<Pair<'a>> {
     let deck = |role| Deck::new(dataset_seed, key, role);
     let (mut fronts, mut backs) = (deck("front"), deck("back"));
-    (0..count).map(|_| Pair { front: fronts.next(front), back: backs.next(back) }).collect()
+    let pair = |_| {
+        let front = fronts.next(front);
+        Pair { front, back: backs.next_but(back, front) }
+    };
+    (0..count).map(pair).collect()
 }
 
 type Scan<'a> = (Place, &'a str, &'a str);
@@ -132,6 +137,17 @@ impl<'k, 'a> Deck<'k, 'a> {
             self.left = shuffle(self.dataset_seed, &key, images);
             self.round += 1;
         }
+    }
+
+    /// Takes the next photograph that is not `other`, which stays the next one. The deck has two photographs or more.
+    fn next_but(&mut self, images: &[&'a SourceImage], other: &SourceImage) -> &'a SourceImage {
+        let first = self.next(images);
+        if !first.is_shared_with(other) {
+            return first;
+        }
+        let second = self.next_but(images, other);
+        self.left.push(first);
+        second
     }
 }
 

@@ -7,11 +7,12 @@
 //!
 //! A table lists the categories and their depth ranges.
 
-use super::diode::{Index, IndexError, SourceImage, files_below};
+use super::diode::{FolderError, Index, IndexError, SourceImage};
 use procedural::Place;
+use render::file_tree::{FileTree, Visits, file_tree};
 use render::line::DepthRange;
 use serde::Deserialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Schema name of a table of categories.
@@ -139,6 +140,7 @@ impl DepthRanges {
                 scan: stem.to_owned(),
                 side: None,
                 values: BTreeMap::new(),
+                shared: None,
             });
         }
         index
@@ -168,12 +170,19 @@ pub(crate) fn index_places(
     let text = render::input_file::read_to_string(folders.table).map_err(|e| table(&e))?;
     let ranges = DepthRanges::parse(&text).map_err(|e| table(&e))?;
     // Each folder is that of a root of its own, which an error names.
-    let all = |root: &str, folder: &Path| match list(folder) {
-        Some(found) => Ok(found),
-        None => files_below(folder, |_| true, drop).map_err(|e| e.of(root)),
+    let all = |root: &str, folder: &Path, visits, enters: &dyn Fn(&str) -> bool| match list(folder)
+    {
+        Some(files) => Ok(FileTree { files, ..FileTree::default() }),
+        None => file_tree(folder, visits, enters).map_err(|e| FolderError::from(e).of(root)),
     };
-    let (colors, depths) = (all(name, folders.color)?, all(&depth_root(name), folders.depth)?);
-    let index = ranges.index(&colors, &depths, &depth_root(name));
+    let colors = all(name, folders.color, Visits::Once, &|_| true)?;
+    // Depth maps are looked up by the names of photographs, so links between their folders stay names of them.
+    let with_color = folders_of(&colors.files);
+    let depths = all(&depth_root(name), folders.depth, Visits::EveryName, &|folder| {
+        with_color.contains(folder)
+    })?;
+    let mut index = ranges.index(&colors.files, &depths.files, &depth_root(name));
+    index.notes = colors.notes();
     if index.images.is_empty() {
         return Err(IndexError::NoPlaces {
             name: name.to_owned(),
@@ -184,6 +193,20 @@ pub(crate) fn index_places(
         });
     }
     Ok(index)
+}
+
+/// Returns all folders of these files, with those around them.
+fn folders_of(files: &[String]) -> BTreeSet<&str> {
+    let mut folders = BTreeSet::new();
+    for file in files {
+        let mut path = file.as_str();
+        while let Some((folder, _)) = path.rsplit_once('/')
+            && folders.insert(folder)
+        {
+            path = folder;
+        }
+    }
+    folders
 }
 
 /// Returns the name of the root of a source's depth maps.
@@ -215,7 +238,6 @@ mod tests {
         PLACES_COLOR, PLACES_DEPTH, PlacesPhotograph, places_intrinsics, places_listing,
         render_through, write_places,
     };
-    use std::collections::BTreeSet;
 
     const TABLE: &str = r#"
 schema = "glasshouse.depth_ranges/1"

@@ -25,7 +25,8 @@ pub enum RecipeError {
     /// The source has too few photographs: splits share no photograph, and each split needs two for a pair.
     #[error(
         "source {source_name} has {found} photographs, but {splits} splits that share none need at \
-         least {needed}: add photographs, or take this source out of a split"
+         least {needed}: add photographs, or take this source out of a split (names of one file, and files of equal bytes, \
+         count once)"
     )]
     TooFewImages {
         source_name: String,
@@ -35,6 +36,11 @@ pub enum RecipeError {
         /// Number of splits that draw from this source.
         splits: usize,
     },
+    #[error(
+        "source {source_name} has fewer than two photographs for split {split}, because other sources have its photographs \
+         in other splits: add photographs, or take this source out of a split"
+    )]
+    SharedPhotographs { source_name: String, split: Split },
     #[error(
         "scene {id}: all {attempts} draws of {ranges} failed, the last because {source}; narrow these ranges"
     )]

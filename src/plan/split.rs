@@ -121,6 +121,7 @@ pub(super) mod tests {
             scan: format!("scan_{}", n / 4),
             side: None,
             values: std::collections::BTreeMap::new(),
+            shared: None,
         };
         let inside = (0..indoors).map(|n| image(Place::Indoors, "indoors", n));
         let outside = (0..outdoor).map(|n| image(Place::Outdoor, "outdoor", n));

@@ -28,6 +28,8 @@ pub enum Event {
         scene: SceneId,
         /// Largest share of a layer's paths that end beyond a photograph's border; 0 if unknown.
         miss_share: f64,
+        /// True if the intrinsics of a photograph are probably wrong.
+        has_odd_view: bool,
     },
     /// The queue cannot be reached; work on leased tasks continues.
     QueueLost { reason: String },

@@ -15,6 +15,7 @@ mod control;
 mod damage;
 mod explain;
 mod hostile;
+mod idle;
 mod kept_run;
 mod kill;
 mod late;

@@ -13,6 +13,7 @@ use crate::outputs::check_place;
 use clap::{Args as ClapArgs, ValueEnum};
 use depth::{DepthNet, Model, Weights};
 use plan::{FolderOptions, FolderPictures, LocalFiles, Place, folder_pictures};
+use render::file_tree::FileId;
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -159,18 +160,11 @@ fn pictures(args: &DepthArgs) -> Result<FolderPictures, Failure> {
             PlaceName::Outdoor => Place::Outdoor,
         }),
         field_of_view_deg: args.field_of_view,
+        without: FileId::of(&args.out).ok(),
         ..FolderOptions::default()
     };
-    let mut found = folder_pictures(&args.folder, options, &LocalFiles)
-        .map_err(|e| failure!(Exit::InvalidInput, "{e}; check the path"))?;
-    let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    let (folder, out) = (absolute(&args.folder), absolute(&args.out));
-    if out != folder
-        && let Ok(below) = out.strip_prefix(&folder)
-    {
-        found.pictures.retain(|picture| !Path::new(&picture.photograph.color).starts_with(below));
-    }
-    Ok(found)
+    folder_pictures(&args.folder, &options, &LocalFiles)
+        .map_err(|e| failure!(Exit::InvalidInput, "{e}; check the path"))
 }
 
 #[derive(Serialize)]

@@ -67,11 +67,14 @@ impl<'a> ComputeThread<'_, 'a> {
             (actions, tasks.waiting(task.id))
         };
         worker.perform(actions)?;
+        let mut bands = 0;
         for shard in waiting {
             for index in 0..task.job.bands(shard) {
                 self.deque.push(Band { task: Arc::clone(task), shard, index });
+                bands += 1;
             }
         }
+        worker.bell.ring(bands);
         Ok(())
     }
 
@@ -148,6 +151,7 @@ impl<'a> ComputeThread<'_, 'a> {
                 for file in 0..scene.len() {
                     worker.jobs.push(Job::Encode(Arc::clone(&scene), file));
                 }
+                worker.bell.ring(scene.len());
                 Ok(())
             }
             Err(error) => worker.fail(task.id, &error.to_string()),

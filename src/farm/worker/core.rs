@@ -1,5 +1,6 @@
 //! The shared state of a worker's threads, with the locked state machine, and the execution of the machine's actions.
 
+use super::bell::Bell;
 use super::costs::Costs;
 use super::jobs::{ActiveTask, Job};
 use super::options::{SharedQueue, WorkOptions};
@@ -34,6 +35,8 @@ pub(super) struct Worker<'a> {
     pub(super) tasks: Mutex<Tasks<Arc<ActiveTask<'a>>>>,
     /// Jobs for the compute threads, which do them before all else, to store results and to free their memory.
     pub(super) jobs: Injector<Job<'a>>,
+    /// Rings when there is work for compute threads, and when there may be none any more.
+    pub(super) bell: Bell,
     pub(super) stop: StopSigns,
     pub(super) tally: Tally,
 }
@@ -115,7 +118,12 @@ impl<'a> Worker<'a> {
 
     /// Performs the machine's actions in order.
     pub(super) fn perform(&self, actions: Vec<Action>) -> Result<(), FarmError> {
-        self.perform_in(self.store, actions).map(|_| ())
+        let done = self.perform_in(self.store, actions);
+        // Compute threads wait for the last task's end.
+        if self.tasks().is_empty() {
+            self.bell.ring_all();
+        }
+        done.map(|_| ())
     }
 
     /// Performs actions on this handle of the run's store. Returns the number of published messages. A failed
@@ -162,6 +170,7 @@ impl<'a> Worker<'a> {
         let active = self.tasks().payload(task).cloned();
         if let Some(active) = active {
             self.jobs.push(job(active));
+            self.bell.ring(1);
         }
     }
 

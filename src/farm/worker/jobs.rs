@@ -73,6 +73,8 @@ pub(super) struct EncodedTuple {
     pub(super) makers: Makers,
     /// The largest share, among the layers, of paths that ended beyond a photograph's border.
     pub(super) miss_share: f64,
+    /// True if the intrinsics of a photograph are probably wrong.
+    pub(super) has_odd_view: bool,
 }
 
 /// A scene with all shards in memory. Each of its images is encoded by a separate job, on any compute thread; the job
@@ -120,6 +122,7 @@ impl<'a> FinishedScene<'a> {
         let layers = self.tuple.record.layers.values();
         let miss_share = layers.map(|layer| layer.miss_share).fold(0.0, f64::max);
         let makers = self.makers.clone();
-        Ok(Some(EncodedTuple { files, noise: bytes.next(), makers, miss_share }))
+        let has_odd_view = !self.tuple.record.facts.odd_view.is_empty();
+        Ok(Some(EncodedTuple { files, noise: bytes.next(), makers, miss_share, has_odd_view }))
     }
 }

@@ -14,6 +14,7 @@
 //! memory, the next ones are read meanwhile, and all threads share the last shards. At most 2 N + 1 encoded results of
 //! N compute threads wait for the store: N in the channel, one per thread and one with the writer.
 
+mod bell;
 mod compute;
 mod conflict;
 mod control;

@@ -1,5 +1,6 @@
 //! The compute threads. Each thread takes jobs first, then bands from its own deque, then bands from other threads'
-//! deques. If there is neither a job nor a band, it opens the next scene and fills its own deque.
+//! deques. If there is neither a job nor a band, it opens the next scene and fills its own deque. Without a scene, it sleeps
+//! until the bell rings.
 
 use super::core::Worker;
 use super::jobs::{Band, Loaded, Order};
@@ -23,13 +24,19 @@ pub(super) struct ComputeThread<'s, 'a> {
     pub(super) writer: Sender<Order<'a>>,
 }
 
-const IDLE: Duration = Duration::from_micros(500);
-const PAUSED: Duration = Duration::from_millis(5);
+/// Longest sleep of a compute thread per thread of the worker, after which it checks whether it must stop. All together wake a
+/// thousand times a second.
+const IDLE_PER_THREAD: Duration = Duration::from_millis(1);
+/// Limits of the longest sleep.
+const IDLE: [Duration; 2] = [Duration::from_millis(20), Duration::from_secs(1)];
 
 impl<'a> ComputeThread<'_, 'a> {
     pub(super) fn run(&self) {
         let worker = self.worker;
+        let threads = self.pool.stealers.len() as u32;
+        let longest = (IDLE_PER_THREAD * threads).clamp(IDLE[0], IDLE[1]);
         while !worker.stop.is_broken() {
+            let rings = worker.bell.rings();
             if let Some(job) = take(|| worker.jobs.steal()) {
                 worker.step(&job.task(), || self.do_job(job));
                 continue;
@@ -47,7 +54,7 @@ impl<'a> ComputeThread<'_, 'a> {
                 continue;
             }
             if worker.stop.control.is_paused() && !self.pool.files.is_empty() {
-                std::thread::sleep(PAUSED);
+                worker.bell.wait(rings, longest);
                 continue;
             }
             match self.pool.files.try_recv() {
@@ -57,7 +64,7 @@ impl<'a> ComputeThread<'_, 'a> {
                     if error == TryRecvError::Disconnected && worker.tasks().is_empty() {
                         return;
                     }
-                    std::thread::sleep(IDLE);
+                    worker.bell.wait(rings, longest);
                 }
             }
         }

@@ -281,7 +281,10 @@ impl<'a> Prefetcher<'_, 'a> {
                 return false;
             }
             match self.sender.send_timeout(loaded, Duration::from_millis(50)) {
-                Ok(()) => return true,
+                Ok(()) => {
+                    self.worker.bell.ring(1);
+                    return true;
+                }
                 Err(error) if error.is_disconnected() => return false,
                 Err(error) => loaded = error.into_inner(),
             }

@@ -46,7 +46,11 @@ impl Worker<'_> {
             (self.on_event)(Event::ShardDone { resumed: shard >= traced });
         }
         if merged > 0 {
-            (self.on_event)(Event::SceneMerged { scene: line.id.clone(), miss_share: 0.0 });
+            (self.on_event)(Event::SceneMerged {
+                scene: line.id.clone(),
+                miss_share: 0.0,
+                has_odd_view: false,
+            });
         }
         match quarantined {
             Some(reason) => self.tell_quarantine(line, &reason),

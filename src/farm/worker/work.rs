@@ -1,5 +1,6 @@
 //! Runs a worker's threads until the run is over.
 
+use super::bell::Bell;
 use super::core::Worker;
 use super::jobs::Band;
 use super::lease_keeper::LeaseKeeper;
@@ -29,6 +30,7 @@ use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
+use std::thread::{self, Scope as ThreadScope, ScopedJoinHandle};
 use std::time::{Duration, Instant, SystemTime};
 
 /// Makes everything that the run lacks, as its only worker.
@@ -137,6 +139,7 @@ fn work_on<'a>(
         photographs: PhotographCache::new(options.photographs_bytes),
         tasks: Mutex::new(Tasks::new(options.checkpoint)),
         jobs: Injector::new(),
+        bell: Bell::default(),
         stop: StopSigns::default(),
         tally: Tally::begin(),
     };
@@ -199,29 +202,51 @@ fn run_threads(worker: &Worker) {
     let mut control = ControlPoll::default();
     worker.poll_control(&mut control);
     let (working, ended) = bounded(0);
-    std::thread::scope(|scope| {
+    thread::scope(|scope| {
         let (pool, appetite) = (&pool, &appetite);
-        scope.spawn(move || worker.watch_control(control, &ended));
+        start(scope, worker, move || worker.watch_control(control, &ended));
         let prefetcher = Prefetcher { worker, appetite, sender, readable: Cell::new(0) };
-        scope.spawn(move || prefetcher.run());
+        let prefetch = move || {
+            prefetcher.run();
+            drop(prefetcher);
+            worker.bell.ring_all();
+        };
+        start(scope, worker, prefetch);
         if let Some(shared) = worker.shared_queue {
             let keeper = LeaseKeeper { worker, shared, appetite };
-            scope.spawn(move || keeper.run());
+            start(scope, worker, move || keeper.run());
         }
         let writing = Writer { worker, orders };
-        let writing = scope.spawn(move || writing.run());
+        let writing = start(scope, worker, move || writing.run());
         let compute = |(index, deque)| {
             let thread = ComputeThread { worker, pool, index, deque, writer: writer.clone() };
-            scope.spawn(move || thread.run())
+            start(scope, worker, move || thread.run())
         };
-        let computing: Vec<_> = deques.into_iter().enumerate().map(compute).collect();
+        let computing: Vec<_> = deques.into_iter().enumerate().map_while(compute).collect();
         // The writer exits after the last compute thread.
         drop(writer);
         let panics =
             computing.into_iter().map(|thread| thread.join().is_err()).filter(|panicked| *panicked);
-        let panicked = panics.count() > 0 || writing.join().is_err();
+        let panicked = panics.count() > 0 || writing.is_some_and(|thread| thread.join().is_err());
         worker.stop.over.store(true, Ordering::Release);
         drop(working);
         assert!(!panicked, "a thread of the farm panicked");
     });
+}
+
+/// Starts a thread. Stops the worker with an error if the system cannot.
+fn start<'scope, T: Send + 'scope>(
+    scope: &'scope ThreadScope<'scope, '_>,
+    worker: &Worker,
+    work: impl FnOnce() -> T + Send + 'scope,
+) -> Option<ScopedJoinHandle<'scope, T>> {
+    match thread::Builder::new().spawn_scoped(scope, work) {
+        Ok(started) => Some(started),
+        Err(source) => {
+            let threads = worker.options.threads.max(1);
+            worker.stop.break_down(FarmError::Threads { threads, source });
+            worker.bell.ring_all();
+            None
+        }
+    }
 }

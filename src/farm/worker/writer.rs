@@ -58,8 +58,8 @@ impl<'a> Writer<'_, 'a> {
         worker.stop.went_well();
         let actions = worker.tasks().merged(task.id);
         let done = worker.perform(actions);
-        let (scene, miss_share) = (scene.clone(), encoded.miss_share);
-        (worker.on_event)(Event::SceneMerged { scene, miss_share });
+        let EncodedTuple { miss_share, has_odd_view, .. } = encoded;
+        (worker.on_event)(Event::SceneMerged { scene: scene.clone(), miss_share, has_odd_view });
         done
     }
 

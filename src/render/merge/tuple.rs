@@ -7,7 +7,7 @@ use crate::formats::exr_labels::label_precision;
 use crate::label::{Label, LabelImages};
 use crate::layer::{Layer, PerLayer};
 use crate::line::{ExrPrecision, SceneLine};
-use crate::scene::{InputDigests, SceneFacts};
+use crate::scene::{InputDigests, MISSED_SHARE, SceneFacts};
 use exr::prelude::f16;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -203,8 +203,16 @@ const NOTED_SHARE: f64 = 0.01;
 
 /// Returns remarks on the light that the input lacks or has in a wrong place, from the statistics of the layers.
 pub fn light_notes(layers: &BTreeMap<String, LayerRecord>) -> Vec<String> {
+    let most = layers.iter().max_by(|(_, a), (_, b)| a.miss_share.total_cmp(&b.miss_share));
+    let missed = most.filter(|(_, layer)| layer.miss_share > MISSED_SHARE).map(|(name, layer)| {
+        format!(
+            "{:.0} % of the paths of {name} miss the photograph, whose border stands for what lies beyond: check its intrinsics \
+             (and their \"size\"), or take a longer focal length, less tilt or apex \"mirror\"",
+            100.0 * layer.miss_share
+        )
+    });
     let Some(input) = layers.get(Layer::Input.name()) else {
-        return vec![];
+        return missed.into_iter().collect();
     };
     let is_much = |bound: &f64| *bound > NOTED_SHARE * input.mean;
     let percent = |bound: f64| 100.0 * bound / input.mean;
@@ -220,7 +228,7 @@ pub fn light_notes(layers: &BTreeMap<String, LayerRecord>) -> Vec<String> {
             percent(bound)
         )
     });
-    dropped.into_iter().chain(shadowed).collect()
+    dropped.into_iter().chain(shadowed).chain(missed).collect()
 }
 
 /// Statistics of one label.

@@ -16,6 +16,7 @@ use super::negligible::Negligible;
 use super::place::{DecodedSide, Placed};
 use super::smudges::smudges;
 use super::surface::{back_surface, front_surface};
+use super::view::OddView;
 use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine};
 use crate::trace::{
     Bow, Cover, Lens, OrderPlan, RoughPane, RoughShape, Sampling, Scene, Slab, StackOptics,
@@ -51,6 +52,7 @@ pub fn assemble_decoded(
     // The capture coordinates of the front are those of the lens.
     let front = front.place("front", |x| x, lateral_m)?;
     let back = back.place("back", back_camera.lens_from_capture(), lateral_m)?;
+    let odd_view = odd_view(line, &front, &back)?;
     let focus_distance_m = focus_distance_m(line, &front, &back, &back_camera)?;
     let lens = lens(line, focus_distance_m);
     check_geometry(line, lens.inverse_focus_per_m)?;
@@ -102,10 +104,8 @@ pub fn assemble_decoded(
         filled_share: Sides { front: front.filled_share(), back: back.filled_share() },
         relative_depth: SidesWith { front: front.relative(), back: back.relative() },
         too_near_share,
-        far_median_m: SidesWith {
-            front: far_median_m(&line.front, &front),
-            back: far_median_m(&line.back, &back),
-        },
+        far_median_m: far_medians_m(line, &front, &back),
+        odd_view,
         other_aspect: SidesWith { front: OtherAspect::of(&front), back: OtherAspect::of(&back) },
         max_radiance,
         meshes: SidesWith { front: front.mesh_facts(), back: back.mesh_facts() },
@@ -136,6 +136,23 @@ pub fn assemble_decoded(
     scene.join_orders(nearest_m, brightest, tolerance);
     facts.state_orders(&scene.orders, scene.spp);
     Ok((scene, facts))
+}
+
+/// Returns the median depths of photographs that are far.
+fn far_medians_m(line: &SceneLine, front: &Placed, back: &Placed) -> SidesWith<f64> {
+    SidesWith { front: far_median_m(&line.front, front), back: far_median_m(&line.back, back) }
+}
+
+/// Checks the intrinsics of photographs.
+fn odd_view(
+    line: &SceneLine,
+    front: &Placed,
+    back: &Placed,
+) -> Result<SidesWith<OddView>, AssembleError> {
+    Ok(SidesWith {
+        front: OddView::of(line, "front", front)?,
+        back: OddView::of(line, "back", back)?,
+    })
 }
 
 /// Places edges, frame and cards.

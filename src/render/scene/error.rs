@@ -1,6 +1,7 @@
 //! Errors of scene assembly.
 
 use super::check_geometry::GeometryError;
+use super::view::OddView;
 use crate::trace::MAX_COORDINATE_M;
 
 /// Largest share of the valid depth pixels, or of the vertices in the field of view, that may be nearer than the pane.
@@ -41,6 +42,9 @@ pub enum AssembleError {
         distance_m: f64,
         nearest_m: f64,
     },
+    /// A photograph beside the view.
+    #[error("{}", view.text(&format!("{side} photograph: no ray of the film meets it")))]
+    Missed { side: &'static str, view: Box<OddView> },
     /// A mesh with too many vertices between the lens and the pane.
     #[error(
         "{side} mesh: {:.2} % of its vertices in the field of view are nearer than the pane at {distance_m} m \

@@ -5,6 +5,7 @@ use super::far::far_text;
 use super::negligible::Negligible;
 use super::place::MeshFacts;
 use super::relative::RelativeEnds;
+use super::view::OddView;
 use crate::trace::{BLOCK, Order, OrderPlan};
 use serde::{Deserialize, Serialize};
 
@@ -42,6 +43,9 @@ pub struct SceneFacts {
     /// Sizes of photographs whose depth image has another aspect ratio than the colour image.
     #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
     pub other_aspect: SidesWith<OtherAspect>,
+    /// Intrinsics of photographs that are probably wrong.
+    #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
+    pub odd_view: SidesWith<OddView>,
     /// Largest linear radiance.
     pub max_radiance: Sides,
     /// Facts about the sides that are meshes.
@@ -60,13 +64,22 @@ impl SceneFacts {
 
     /// Returns remarks on the scene's files.
     pub fn notes(&self) -> Vec<String> {
-        let (far, aspect) = (&self.far_median_m, &self.other_aspect);
+        let (far, aspect, view) = (&self.far_median_m, &self.other_aspect, &self.odd_view);
         let sides = [
-            ("front photograph", far.front, aspect.front),
-            ("back photograph", far.back, aspect.back),
+            ("front photograph", far.front, aspect.front, view.front),
+            ("back photograph", far.back, aspect.back, view.back),
         ];
-        let notes = |(side, far_m, aspect): (&str, Option<f64>, Option<OtherAspect>)| {
-            [far_m.map(|far_m| far_text(side, far_m)), aspect.map(|aspect| aspect.text(side))]
+        let notes = |(side, far_m, aspect, view): (
+            &str,
+            Option<f64>,
+            Option<OtherAspect>,
+            Option<OddView>,
+        )| {
+            [
+                far_m.map(|far_m| far_text(side, far_m)),
+                aspect.map(|aspect| aspect.text(side)),
+                view.map(|view| view.text(side)),
+            ]
         };
         let bounded = self.search_was_bounded.then(|| {
             "the pane has so many orders of light that their search was cut short; facts.dropped bounds the light of \
@@ -87,7 +100,7 @@ pub struct Sides {
 }
 
 /// An optional value for each side.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SidesWith<T> {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub front: Option<T>,
@@ -95,8 +108,14 @@ pub struct SidesWith<T> {
     pub back: Option<T>,
 }
 
+impl<T> Default for SidesWith<T> {
+    fn default() -> Self {
+        Self { front: None, back: None }
+    }
+}
+
 impl<T> SidesWith<T> {
-    fn is_empty(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.front.is_none() && self.back.is_none()
     }
 }

@@ -48,6 +48,7 @@ mod smudges;
 mod surface;
 mod transfer;
 mod turned;
+mod view;
 mod window;
 
 pub use aspect::OtherAspect;
@@ -74,3 +75,5 @@ pub use relative::RelativeEnds;
 pub use smudges::SmudgeMap;
 pub use transfer::prepare;
 pub use turned::{PhotographSizes, check_turned};
+pub(crate) use view::MISSED_SHARE;
+pub use view::OddView;
