@@ -101,16 +101,24 @@ impl Head {
 
 /// A decoder of the `image` crate that has read the header, and the largest code according to the header of a PNM file;
 /// `None` for other formats.
-type Opened<'a> = (Box<dyn ImageDecoder + 'a>, Option<u32>);
+pub(super) type Opened<'a> = (Box<dyn ImageDecoder + 'a>, Option<u32>);
 
-fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError> {
+pub(super) fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError> {
     let bytes = Cursor::new(file.bytes.as_slice());
     let failed = |error: image::ImageError| file.unreadable(format, error);
     Ok(match format {
         FileFormat::Png => {
             (Box::new(PngDecoder::with_limits(bytes, image_limits()).map_err(failed)?), None)
         }
-        FileFormat::Jpeg => (Box::new(JpegDecoder::new(bytes).map_err(failed)?), None),
+        FileFormat::Jpeg => match jpeg::Head::find(&file.bytes).kind() {
+            jpeg::Kind::Common => (Box::new(JpegDecoder::new(bytes).map_err(failed)?), None),
+            jpeg::Kind::Rare => {
+                (Box::new(jpeg::RareDecoder::new(&file.bytes).map_err(failed)?), None)
+            }
+            jpeg::Kind::Refused(found, expected) => {
+                return Err(file.wrong_format(found.to_owned(), expected));
+            }
+        },
         FileFormat::Hdr => (Box::new(HdrDecoder::new(bytes).map_err(failed)?), None),
         FileFormat::Pnm => {
             let decoder = PnmDecoder::new(bytes).map_err(failed)?;
@@ -136,7 +144,7 @@ pub(crate) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneE
 
 /// Decodes a PNG, JPEG, PNM or Radiance HDR file to its stored rows.
 ///
-/// The JPEG decoder selects instructions for the machine. No test compares its bits between instruction sets.
+/// The common JPEG decoder selects instructions for the machine. No test compares its bits between instruction sets.
 pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
     file.contain(format, || {
         let mut opened = open(file, format)?;
