@@ -67,7 +67,7 @@ impl NamedBytes {
             [0xff, 0xd8, 0xff, ..] => Ok(FileFormat::Jpeg),
             [b'P', b'1'..=b'7', b' ' | b'\t' | b'\r' | b'\n' | b'#', ..] => Ok(FileFormat::Pnm),
             [b'P', b'f' | b'F', b' ' | b'\r' | b'\n', ..] => Ok(FileFormat::Pfm),
-            [b'#', b'?', b'R', ..] => Ok(FileFormat::Hdr),
+            [b'#', b'?', ..] => Ok(FileFormat::Hdr),
             [0x76, 0x2f, 0x31, 0x01, ..] => Ok(FileFormat::Exr),
             [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Ok(FileFormat::Npy),
             [b'p', b'l', b'y', b'\r' | b'\n', ..] => Ok(FileFormat::Ply),

@@ -11,6 +11,7 @@ pub(crate) mod exr_read;
 pub(crate) mod exr_write;
 mod exr_zip;
 pub(crate) mod files;
+mod hdr;
 pub(crate) mod icc;
 pub(crate) mod jpeg;
 pub mod limits;

@@ -3,13 +3,14 @@
 use super::color_space::ColorSpace;
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
+use super::hdr::HdrPicture;
 use super::icc::ColorError;
 use super::jpeg;
 use super::limits::{check_size, image_limits};
 use super::meaning;
 use super::png_chunks::PngChunks;
 use super::upright::{PictureSize, turn_of};
-use image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder};
+use image::codecs::{jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder};
 use image::metadata::Orientation as Turn;
 use image::{ColorType, ImageDecoder};
 use std::io::Cursor;
@@ -119,7 +120,7 @@ pub(super) fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, 
                 return Err(file.wrong_format(found.to_owned(), expected));
             }
         },
-        FileFormat::Hdr => (Box::new(HdrDecoder::new(bytes).map_err(failed)?), None),
+        FileFormat::Hdr => (Box::new(HdrPicture::open(file)?), None),
         FileFormat::Pnm => {
             let decoder = PnmDecoder::new(bytes).map_err(failed)?;
             let original_max = decoder.header().maximal_sample();
