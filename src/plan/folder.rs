@@ -25,7 +25,8 @@ const FILM_DIAGONAL_MM: f64 = 43.266_615_305_567_87;
 const FIELD_OF_VIEW_DEG: f64 = 65.0;
 
 /// Endings of pictures, in lower case, and the coding of their colours.
-const ENDINGS: [(&str, Transfer); 5] = [
+const ENDINGS: [(&str, Transfer); 6] = [
+    ("jfif", Transfer::Srgb),
     ("jpg", Transfer::Srgb),
     ("jpeg", Transfer::Srgb),
     ("png", Transfer::Srgb),
@@ -209,6 +210,7 @@ pub fn folder_pictures(
         return Err(FolderError::NoPictures {
             path: folder.to_owned(),
             unreadable: found.unreadable.len(),
+            other_formats: found.other_formats,
         });
     }
     Ok(found)

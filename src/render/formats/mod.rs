@@ -20,6 +20,8 @@ mod meaning;
 pub(crate) mod npy;
 pub(crate) mod npy_header;
 mod npy_write;
+pub(crate) mod npz;
+mod other_formats;
 pub(crate) mod pfm;
 mod photo;
 pub(crate) mod ply;
@@ -27,6 +29,7 @@ pub(crate) mod ply_header;
 pub(crate) mod png_chunks;
 pub(crate) mod raster;
 mod srgb_picture;
+pub(crate) mod tiff_depth;
 pub(crate) mod upright;
 
 pub use error::SceneError;

@@ -132,6 +132,12 @@ pub(super) fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, 
                 "an image here, or name the file as \"mesh\" in place of color and depth",
             ));
         }
+        FileFormat::Tiff => {
+            return Err(file.wrong_format(
+                "TIFF, which is read as depth alone (`magick IN.tif OUT.png`)".to_owned(),
+                "another format here",
+            ));
+        }
         FileFormat::Exr | FileFormat::Npy | FileFormat::Pfm => {
             unreachable!("other modules read these formats")
         }

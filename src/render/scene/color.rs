@@ -14,7 +14,7 @@ use std::path::Path;
 use std::rc::Rc;
 
 pub(super) const FORMATS: &str =
-    "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";
+    "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM, .npy or .npz colour image";
 const NPY: &str = "(H,W), (H,W,1), (H,W,3) or (H,W,4) of u1, u2, f2, f4 or f8";
 
 pub(super) struct Color {

@@ -6,10 +6,10 @@ use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::npy::{Axes, NpyHead, NpyImage};
 use crate::formats::npy_header::Element;
 use crate::formats::raster::{self, Raster, Samples};
-use crate::formats::{exr_raster, pfm};
+use crate::formats::{exr_raster, pfm, tiff_depth};
 use crate::line::{DepthKind, Intrinsics, Orientation};
 
-const FORMATS: &str = "a .npy, grey PNG, grey PNM, PFM or EXR depth image";
+const FORMATS: &str = "a .npy, .npz, grey PNG, grey PNM, PFM, TIFF or EXR depth image";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers";
 
 /// A depth image with the holes of its file.
@@ -53,6 +53,7 @@ pub(super) fn size(file: &NamedBytes, length: u64) -> Result<PictureSize, SceneE
             return Ok(PictureSize::plain([head.width, head.height]));
         }
         FileFormat::Exr => return exr_raster::depth_size(file).map(PictureSize::plain),
+        FileFormat::Tiff => return tiff_depth::size(file),
         FileFormat::Pfm => {
             let head = pfm::head(file, length)?;
             (PictureSize::plain([head.width, head.height]), head.channels, false)
@@ -75,6 +76,7 @@ pub(super) fn decode(
     let raster = match format(file)? {
         FileFormat::Npy => return decode_npy(file, unit_m),
         FileFormat::Exr => exr_raster::decode_depth(file)?,
+        FileFormat::Tiff => tiff_depth::decode(file)?,
         FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
     };
