@@ -193,6 +193,7 @@ pub fn folder_pictures(
             orientation: options.orientation,
             transfer,
             depth_unit_m: 1.0,
+            depth_none_code: None,
             depth_kind: DepthKind::default(),
             depth_range: None,
             intrinsics: intrinsics(size, focal, options.field_of_view_deg),

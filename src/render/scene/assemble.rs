@@ -10,13 +10,14 @@ use super::geometry::{
     BackCamera, bow, cosines_between, film_directions, film_plane, film_reach, layers, outline,
     roughness, slab, stack, turned_faces, wave,
 };
+use super::largest_code::largest_code_share;
 use super::load::{DecodedScene, InputDigests};
 use super::near::Near;
 use super::negligible::Negligible;
 use super::place::{DecodedSide, Placed};
 use super::smudges::smudges;
 use super::surface::{back_surface, front_surface};
-use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine};
+use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine, Side};
 use crate::trace::{
     Bow, Cover, Lens, OrderPlan, RoughPane, RoughShape, Sampling, Scene, Slab, StackOptics,
 };
@@ -102,10 +103,8 @@ pub fn assemble_decoded(
         filled_share: Sides { front: front.filled_share(), back: back.filled_share() },
         relative_depth: SidesWith { front: front.relative(), back: back.relative() },
         too_near_share,
-        far_median_m: SidesWith {
-            front: far_median_m(&line.front, &front),
-            back: far_median_m(&line.back, &back),
-        },
+        far_median_m: of_sides(line, [&front, &back], far_median_m),
+        largest_code_share: of_sides(line, [&front, &back], largest_code_share),
         other_aspect: SidesWith { front: OtherAspect::of(&front), back: OtherAspect::of(&back) },
         max_radiance,
         meshes: SidesWith { front: front.mesh_facts(), back: back.mesh_facts() },
@@ -136,6 +135,15 @@ pub fn assemble_decoded(
     scene.join_orders(nearest_m, brightest, tolerance);
     facts.state_orders(&scene.orders, scene.spp);
     Ok((scene, facts))
+}
+
+/// Finds a fact about each placed side.
+fn of_sides<T>(
+    line: &SceneLine,
+    [front, back]: [&Placed; 2],
+    fact: impl Fn(&Side, &Placed) -> Option<T>,
+) -> SidesWith<T> {
+    SidesWith { front: fact(&line.front, front), back: fact(&line.back, back) }
 }
 
 /// Places edges, frame and cards.

@@ -2,6 +2,7 @@
 
 use super::aspect::OtherAspect;
 use super::far::far_text;
+use super::largest_code::largest_code_text;
 use super::negligible::Negligible;
 use super::place::MeshFacts;
 use super::relative::RelativeEnds;
@@ -39,6 +40,10 @@ pub struct SceneFacts {
     /// Median of the valid depths, m, of photographs where it is above [`super::FAR_MEDIAN_M`]: the unit is probably wrong.
     #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
     pub far_median_m: SidesWith<f64>,
+    /// Share of depth pixels with the largest code of 16 bits, of photographs where it is above 0.1 %: the code probably means
+    /// "no depth".
+    #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
+    pub largest_code_share: SidesWith<f64>,
     /// Sizes of photographs whose depth image has another aspect ratio than the colour image.
     #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
     pub other_aspect: SidesWith<OtherAspect>,
@@ -60,13 +65,23 @@ impl SceneFacts {
 
     /// Returns remarks on the scene's files.
     pub fn notes(&self) -> Vec<String> {
-        let (far, aspect) = (&self.far_median_m, &self.other_aspect);
+        let (far, aspect, code) =
+            (&self.far_median_m, &self.other_aspect, &self.largest_code_share);
         let sides = [
-            ("front photograph", far.front, aspect.front),
-            ("back photograph", far.back, aspect.back),
+            ("front photograph", far.front, code.front, aspect.front),
+            ("back photograph", far.back, code.back, aspect.back),
         ];
-        let notes = |(side, far_m, aspect): (&str, Option<f64>, Option<OtherAspect>)| {
-            [far_m.map(|far_m| far_text(side, far_m)), aspect.map(|aspect| aspect.text(side))]
+        let notes = |(side, far_m, share, aspect): (
+            &str,
+            Option<f64>,
+            Option<f64>,
+            Option<OtherAspect>,
+        )| {
+            [
+                far_m.map(|far_m| far_text(side, far_m)),
+                share.map(|share| largest_code_text(side, share)),
+                aspect.map(|aspect| aspect.text(side)),
+            ]
         };
         let bounded = self.search_was_bounded.then(|| {
             "the pane has so many orders of light that their search was cut short; facts.dropped bounds the light of \
