@@ -7,7 +7,7 @@
 //! CEILNet         NAME-input.*  NAME-label1.*  NAME-label2.*
 //! ```
 //!
-//! Endings are `.jpg`, `.jpeg` or `.png` in any case, and may differ within a pair.
+//! Endings are `.jpg`, `.jpeg`, `.jfif` or `.png` in any case, and may differ within a pair.
 
 /// Role of a picture in its pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,10 +38,10 @@ pub(super) fn layer_folder(name: &str) -> Option<Role> {
     }
 }
 
-/// Strips the ending `.jpg`, `.jpeg` or `.png` from a name; returns `None` for other endings.
+/// Strips the ending `.jpg`, `.jpeg`, `.jfif` or `.png` from a name; returns `None` for other endings.
 pub(super) fn picture_stem(name: &str) -> Option<&str> {
     let (stem, ending) = name.rsplit_once('.')?;
-    let known = ["jpg", "jpeg", "png"];
+    let known = ["jpg", "jpeg", "jfif", "png"];
     known.iter().any(|k| ending.eq_ignore_ascii_case(k)).then_some(stem)
 }
 

@@ -182,7 +182,7 @@ fn within(group: &[&str], name: &str) -> String {
     group.iter().copied().chain([name]).collect::<Vec<_>>().join("/")
 }
 
-const NO_PICTURE: &str = "is not a .jpg, .jpeg or .png file; save it as one";
+const NO_PICTURE: &str = "is not a .jpg, .jpeg, .jfif or .png file; save it as one";
 
 /// Returns the folder's own name, or `picture` for a path without a name in UTF-8.
 fn last_part(dir: &Path) -> String {

@@ -262,7 +262,7 @@ pub(super) fn kind_by_name(name: &str) -> Option<Kind> {
         }
         _ => match ending {
             "exr" => Kind::Exr,
-            "png" | "jpg" | "jpeg" | "ppm" | "pgm" | "pfm" | "hdr" => Kind::Picture,
+            "png" | "jpg" | "jpeg" | "jfif" | "ppm" | "pgm" | "pfm" | "hdr" => Kind::Picture,
             "npy" => Kind::Array,
             "ply" => Kind::Mesh,
             "tar" => Kind::Archive,

@@ -11,7 +11,7 @@ use render::input_file::{InputFile, MAX_FILE_BYTES};
 use render::line::{Photograph, Roots, SceneLine, Side, Smudges, is_url};
 use render::scene::{
     AssembleError, END_BYTES, FileEnds, FileRole, Look, OddView, OtherAspect, PhotographSizes,
-    START_BYTES, check_turned, far_depth_m, far_text, look, look_at_whole,
+    START_BYTES, check_turned, depth_remarks, look, look_at_whole,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -151,8 +151,8 @@ impl<'a> Checker<'a> {
     }
 
     /// Reads one usable depth file of each folder or root and unit, because a wrong unit is that of a whole data set.
-    /// Returns remarks on those that are probably too far.
-    pub(super) fn far_depths(&self, lines: &[SceneLine]) -> Vec<String> {
+    /// Returns remarks on those that are probably too far, or have codes that mean "no depth".
+    pub(super) fn depth_remarks(&self, lines: &[SceneLine]) -> Vec<String> {
         let mut first: BTreeMap<(&str, u64), &Photograph> = BTreeMap::new();
         for photograph in photographs(lines).filter(|photograph| photograph.sketch.is_none()) {
             let place = place_of(&photograph.depth);
@@ -161,14 +161,13 @@ impl<'a> Checker<'a> {
                 first.entry((place, photograph.depth_unit_m.to_bits())).or_insert(photograph);
             }
         }
-        let note = |photograph: &&Photograph| {
+        let notes = |photograph: &&Photograph| {
             let path = self.roots.resolve(Path::new(""), &photograph.depth).ok()?;
             // A worker names a file that cannot be decoded.
             let bytes = self.inputs.read(&path).ok()?;
-            let far_m = far_depth_m(photograph, &named(bytes)).ok()??;
-            Some(far_text(&photograph.depth, far_m))
+            depth_remarks(photograph, &named(bytes), &photograph.depth).ok()
         };
-        first.values().filter_map(note).collect()
+        first.values().filter_map(notes).flatten().collect()
     }
 
     /// Returns a remark on the first photograph of each folder or root whose depth image has another aspect ratio than its

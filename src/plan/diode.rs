@@ -57,7 +57,7 @@ pub struct Index {
 /// Error of a source that cannot be listed.
 #[derive(Debug, thiserror::Error)]
 pub enum IndexError {
-    #[error("source {name}: {error}; pass --root {name}=DIR with the right folder")]
+    #[error("source {name}: {error}; {}", error.remedy(name))]
     Folder { name: String, error: FolderError },
     #[error(
         "source {name}: {} holds no photograph with depth of the form \
@@ -98,25 +98,44 @@ pub enum IndexError {
 pub enum FolderError {
     #[error(transparent)]
     List(#[from] ListError),
-    #[error("{} holds no picture (.jpg, .jpeg, .png, .exr, .hdr){}", path.display(), unreadable_text(*unreadable))]
+    #[error("{} holds no picture (.jpg, .jpeg, .jfif, .png, .exr, .hdr){}", path.display(), left_out_text(*unreadable, *other_formats))]
     NoPictures {
         path: PathBuf,
         /// Number of pictures that cannot be read.
         unreadable: usize,
+        /// Number of pictures in formats that the program does not read.
+        other_formats: usize,
     },
 }
 
 impl FolderError {
+    /// Returns what to do for the source `name`.
+    fn remedy(&self, name: &str) -> String {
+        match self {
+            Self::NoPictures { other_formats: 1.., .. } => {
+                "convert them to JPEG or PNG, for example by `heif-convert IN.heic OUT.jpg`"
+                    .to_owned()
+            }
+            _ => format!("pass --root {name}=DIR with the right folder"),
+        }
+    }
+
     /// Makes the error of the source `name`.
     pub(super) fn of(self, name: &str) -> IndexError {
         IndexError::Folder { name: name.to_owned(), error: self }
     }
 }
 
-fn unreadable_text(count: usize) -> String {
-    match count {
+fn left_out_text(unreadable: usize, other_formats: usize) -> String {
+    let unreadable = match unreadable {
         0 => String::new(),
         n => format!(" ({n} cannot be read)"),
+    };
+    match other_formats {
+        0 => unreadable,
+        n => format!(
+            "{unreadable}, but {n} in formats that are not read (HEIC, AVIF, WebP, TIFF, BMP, raw photographs, ...)"
+        ),
     }
 }
 
@@ -249,6 +268,21 @@ mod tests {
         assert_eq!(index.images[1].scene, "scene_00022");
         assert_eq!(index.images[1].scan, "scan_00193");
         assert_eq!(index.without_depth, [format!("{SCAN}/c.png")]);
+    }
+
+    #[test]
+    fn a_folder_of_other_formats_is_answered_with_a_conversion() {
+        let text = |unreadable, other_formats| {
+            let path = PathBuf::from("album");
+            FolderError::NoPictures { path, unreadable, other_formats }.of("photos").to_string()
+        };
+        let error = text(0, 6);
+        assert!(error.contains("6 in formats that are not read (HEIC"), "{error}");
+        assert!(error.contains("heif-convert") && !error.contains("right folder"), "{error}");
+        assert!(
+            text(2, 0)
+                .ends_with("(2 cannot be read); pass --root photos=DIR with the right folder")
+        );
     }
 
     #[test]

@@ -78,7 +78,7 @@ pub fn draft(
     };
     let mut notes = draft.notes;
     if request.checks_files {
-        notes.extend(checker.far_depths(&draft.lines));
+        notes.extend(checker.depth_remarks(&draft.lines));
         notes.extend(checker.other_aspects(&draft.lines));
         notes.extend(checker.odd_views(&draft.lines));
     }

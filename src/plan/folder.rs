@@ -27,7 +27,8 @@ const FILM_DIAGONAL_MM: f64 = 43.266_615_305_567_87;
 const FIELD_OF_VIEW_DEG: f64 = 65.0;
 
 /// Endings of pictures, in lower case, and the coding of their colours.
-const ENDINGS: [(&str, Transfer); 5] = [
+const ENDINGS: [(&str, Transfer); 6] = [
+    ("jfif", Transfer::Srgb),
     ("jpg", Transfer::Srgb),
     ("jpeg", Transfer::Srgb),
     ("png", Transfer::Srgb),
@@ -208,6 +209,7 @@ pub fn folder_pictures(
             orientation: options.orientation,
             transfer,
             depth_unit_m: 1.0,
+            depth_none_code: None,
             depth_kind: DepthKind::default(),
             depth_range: None,
             intrinsics: intrinsics(size, focal, options.field_of_view_deg),
@@ -225,6 +227,7 @@ pub fn folder_pictures(
         return Err(FolderError::NoPictures {
             path: folder.to_owned(),
             unreadable: found.unreadable.len(),
+            other_formats: found.other_formats,
         });
     }
     Ok(found)

@@ -1,7 +1,7 @@
 //! Lists the photographs of a PLACES365 folder with their estimated depth maps.
 //!
 //! ```text
-//! ROOT/       [data_*/][train/|val/][LETTER/]CATEGORY[/KIND]/NAME.(jpg|jpeg|png)
+//! ROOT/       [data_*/][train/|val/][LETTER/]CATEGORY[/KIND]/NAME.(jpg|jpeg|jfif|png)
 //! DEPTH_ROOT/ the same folders/NAME_depth(.npy|.pfm|.exr|.png), or NAME.*, or NAME-MODEL.* as MiDaS writes them
 //! ```
 //!
@@ -118,7 +118,7 @@ impl DepthRanges {
             let Some((stem, ending)) = color.rsplit_once('.') else {
                 continue;
             };
-            if !["jpg", "jpeg", "png"].contains(&ending.to_ascii_lowercase().as_str()) {
+            if !["jpg", "jpeg", "jfif", "png"].contains(&ending.to_ascii_lowercase().as_str()) {
                 continue;
             }
             let Some((name, category)) = self.category_of(color) else {

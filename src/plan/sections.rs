@@ -127,6 +127,7 @@ fn photograph((name, source): (&str, &Source), image: &SourceImage) -> Photograp
         orientation: source.orientation,
         transfer: source.transfer,
         depth_unit_m: source.depth_unit_m,
+        depth_none_code: source.depth_none_code,
         depth_kind: source.depth_kind,
         // Relative depths need a metric range, from a table of categories or from the source.
         depth_range: match source.depth_kind {

@@ -78,6 +78,8 @@ pub struct Source {
     /// Metres per unit of the depth files. Default 1.
     #[serde(default = "one")]
     pub depth_unit_m: f64,
+    /// Value in the depth files that means "no depth", such as 65535. Default none.
+    pub depth_none_code: Option<f64>,
     /// Quantity in the depth files. Default z.
     #[serde(default)]
     pub depth_kind: DepthKind,

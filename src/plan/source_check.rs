@@ -87,6 +87,7 @@ impl Source {
         for side in camera.size.into_iter().flatten() {
             numbers.push(("intrinsics.size", side.into()));
         }
+        numbers.extend(self.depth_none_code.map(|code| ("depth_none_code", code)));
         for (name, value) in numbers {
             within(&format!("{key}.{name}"), &Param::Constant(value))?;
         }
@@ -99,6 +100,7 @@ impl Source {
             ("intrinsics", self.intrinsics != Intrinsics::diode(), "give field_of_view_deg"),
             ("transfer", self.transfer != Transfer::default(), "the file's ending tells it"),
             ("depth_unit_m", self.depth_unit_m != 1.0, "give depth"),
+            ("depth_none_code", self.depth_none_code.is_some(), "give depth"),
             ("depth_kind", self.depth_kind != DepthKind::default(), "give depth"),
         ];
         for (name, given, instead) in keys {
@@ -128,6 +130,7 @@ impl Source {
             ("orientation", self.orientation != Orientation::default()),
             ("transfer", self.transfer != Transfer::default()),
             ("depth_unit_m", self.depth_unit_m != 1.0),
+            ("depth_none_code", self.depth_none_code.is_some()),
             ("depth_kind", self.depth_kind != DepthKind::default()),
             ("highlights", self.highlights.is_some()),
             ("fill", self.fill != Fill::default()),

@@ -174,6 +174,11 @@ fn shapes_places_and_views_are_stated() {
         .unwrap();
     std::fs::create_dir(folder.path().join("nothing")).unwrap();
     run(&["plan", text(&recipe), "-n"]).expect(4).says(&["holds no picture", "--root photos=DIR"]);
+    for name in ["a.HEIC", "b.heic"] {
+        std::fs::write(folder.path().join("nothing").join(name), b"\0\0\0\x1cftypheic").unwrap();
+    }
+    let says = ["2 in formats that are not read (HEIC", "heif-convert"];
+    run(&["plan", text(&recipe), "-n"]).expect(4).says(&says);
 }
 
 /// A missing folder of depth maps is answered with its own root.

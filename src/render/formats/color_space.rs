@@ -39,6 +39,8 @@ pub(crate) enum Curve {
     Parametric { g: f64, a: f64, b: f64, c: f64, d: f64, e: f64, f: f64 },
     /// Values in equal steps of the code, at least two, interpolated linearly.
     Sampled(Vec<f64>),
+    /// The luminance of a lightness (CIE L* / 100), which this curve gives.
+    Lightness(Box<Curve>),
 }
 
 impl Curve {
@@ -59,6 +61,15 @@ impl Curve {
                 let first = (at as usize).min(values.len() - 2);
                 let share = at - first as f64;
                 values[first] * (1.0 - share) + values[first + 1] * share
+            }
+            Self::Lightness(curve) => {
+                let lightness = 100.0 * curve.value(code);
+                // CIE 15: linear up to L* 8, where both parts meet.
+                if lightness > 8.0 {
+                    libm::pow((lightness + 16.0) / 116.0, 3.0)
+                } else {
+                    lightness * 27.0 / 24389.0
+                }
             }
         };
         if value > 0.0 { value.min(1.0) } else { 0.0 }

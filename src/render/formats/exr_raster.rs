@@ -10,14 +10,15 @@ use ::exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel, read};
 use std::io::Cursor;
 
 const COLOR: &str = "channels R, G and B, or a single Y, without subsampling or deep data";
-const DEPTH: &str = "a channel Z, Y or R, or a single channel, without subsampling or deep data";
+const DEPTH: &str = "depth as a channel Z, a single channel such as depth.Y or dd.T, or three equal channels R, G and B, \
+                     without subsampling or deep data";
 
 /// Decodes the first layer with R, G and B, else the first layer with Y and no chroma. Ignores other channels. The data
 /// window is the image. 16- and 32-bit floats and 32-bit integers become `f32`, unscaled.
 pub(crate) fn decode_color(file: &NamedBytes) -> Result<Raster, SceneError> {
     file.contain(FileFormat::Exr, || match color_layer(file)? {
         (Channels::Rgb, _) => read_rgb(file),
-        (Channels::Single(name), _) => read_single(file, name),
+        (Channels::Single(name), _) => read_single(file, &name),
     })
 }
 
@@ -34,7 +35,7 @@ pub(crate) fn depth_size(file: &NamedBytes) -> Result<[usize; 2], SceneError> {
 /// The channels to read from a layer.
 enum Channels {
     Rgb,
-    Single(&'static str),
+    Single(String),
 }
 
 fn color_layer(file: &NamedBytes) -> Result<(Channels, [usize; 2]), SceneError> {
@@ -45,24 +46,64 @@ fn color_layer(file: &NamedBytes) -> Result<(Channels, [usize; 2]), SceneError> 
     }
     let is_grey = |header: &&Header| has(header, "Y") && !has(header, "RY");
     match headers.iter().find(is_grey) {
-        Some(header) => Ok((Channels::Single("Y"), size(header))),
+        Some(header) => Ok((Channels::Single("Y".to_owned()), size(header))),
         None => Err(wrong_channels(file, &headers, COLOR)),
     }
 }
 
-fn depth_layer(file: &NamedBytes) -> Result<(String, [usize; 2]), SceneError> {
+/// Finds the depth. A channel R beside G or B belongs to a colour picture, unless the three are equal, and a channel Y
+/// beside RY or BY, too.
+fn depth_layer(file: &NamedBytes) -> Result<(Channels, [usize; 2]), SceneError> {
     let headers = headers(file)?;
+    let is_color = |header: &Header, name: &str| {
+        let partners: &[&str] = match name {
+            "Y" => &["RY", "BY"],
+            "R" => &["G", "B"],
+            _ => &[],
+        };
+        partners.iter().any(|partner| has(header, partner))
+    };
     for name in ["Z", "Y", "R"] {
-        if let Some(header) = headers.iter().find(|header| has(header, name)) {
-            return Ok((name.to_owned(), size(header)));
+        // The reader takes the first layer with such a channel.
+        if let Some(header) = headers.iter().find(|header| has(header, name))
+            && !is_color(header, name)
+        {
+            return Ok((Channels::Single(name.to_owned()), size(header)));
         }
+    }
+    if let Some(found) = named_depth(&headers) {
+        return Ok(found);
+    }
+    if let Some(header) = headers.iter().find(|h| ["R", "G", "B"].iter().all(|name| has(h, name))) {
+        return Ok((Channels::Rgb, size(header)));
     }
     if let [header] = headers.as_slice()
         && let [channel] = header.channels.list.as_slice()
     {
-        return Ok((channel.name.to_string(), size(header)));
+        return Ok((Channels::Single(channel.name.to_string()), size(header)));
     }
     Err(wrong_channels(file, &headers, DEPTH))
+}
+
+/// Finds the one channel that is alone in its layer and named as a depth, as renderers write it beside colours:
+/// `depth.Y` of Mitsuba, `VRayZDepth.R` of V-Ray, `dd.T`, `ViewLayer.Depth.Z` of Blender. `None` if there are several.
+fn named_depth(headers: &[Header]) -> Option<(Channels, [usize; 2])> {
+    let all = headers.iter().flat_map(|header| {
+        header.channels.list.iter().map(move |channel| (header, channel.name.to_string()))
+    });
+    let all: Vec<(&Header, String)> = all.collect();
+    let layer = |name: &str| name.rsplit_once('.').map(|(layer, _)| layer.to_owned());
+    let is_depth = |name: &str| {
+        let lower = name.to_lowercase();
+        let is_axis = lower == "z" || lower.ends_with(".z") || lower.ends_with(".t");
+        lower.contains("depth") || lower.contains("distance") || is_axis
+    };
+    let mut found = all.iter().filter(|(_, name)| {
+        let siblings = all.iter().filter(|(_, other)| layer(other) == layer(name)).count();
+        is_depth(name) && (layer(name).is_none() || siblings == 1)
+    });
+    let (header, name) = found.next()?;
+    found.next().is_none().then(|| (Channels::Single(name.clone()), size(header)))
 }
 
 fn size(header: &Header) -> [usize; 2] {
@@ -70,9 +111,27 @@ fn size(header: &Header) -> [usize; 2] {
     [width, height]
 }
 
-/// Decodes the first channel Z of any layer, else the first Y, else the first R, else the only channel.
+/// Decodes the depth: the first channel Z, Y or R that is no part of a colour, else the only one that is named as a depth,
+/// else equal R, G and B, else the only channel.
 pub(crate) fn decode_depth(file: &NamedBytes) -> Result<Raster, SceneError> {
-    file.contain(FileFormat::Exr, || read_single(file, &depth_layer(file)?.0))
+    file.contain(FileFormat::Exr, || match depth_layer(file)?.0 {
+        Channels::Single(name) => read_single(file, &name),
+        Channels::Rgb => grey_of_rgb(file, &read_rgb(file)?),
+    })
+}
+
+/// Returns the one channel of a picture with equal channels; an error for colours.
+fn grey_of_rgb(file: &NamedBytes, rgb: &Raster) -> Result<Raster, SceneError> {
+    let Samples::F32(values) = &rgb.samples else {
+        unreachable!("the reader of OpenEXR makes floats");
+    };
+    let pixels = values.as_chunks::<3>().0;
+    let is_same = |a: f32, b: f32| a == b || (a.is_nan() && b.is_nan());
+    if !pixels.iter().all(|[r, g, b]| is_same(*r, *g) && is_same(*r, *b)) {
+        return Err(wrong_channels(file, &headers(file)?, DEPTH));
+    }
+    let red = pixels.iter().map(|pixel| pixel[0]).collect();
+    Ok(Raster::plain(rgb.width, rgb.height, 1, Samples::F32(red)))
 }
 
 /// Reads the headers of all layers. Refuses sizes and channel counts beyond the limits, subsampling and deep data.
@@ -229,7 +288,50 @@ pub(crate) mod tests {
         let raster = decode_color(&file).unwrap();
         assert_eq!((raster.width, raster.height, raster.channels), (2, 1, 3));
         assert_eq!(floats(&raster), [0.5, 0.25, 3.0, 2.0, 1e6, 4.0]);
-        assert_eq!(floats(&decode_depth(&file).unwrap()), [0.5, 2.0]);
+    }
+
+    /// The red of a colour picture is no depth. Renderers write a depth beside it under names of their own.
+    #[test]
+    fn a_depth_is_not_the_red_of_a_colour_picture() {
+        let of = |names: &[&str]| {
+            let samples = |k: usize| FlatSamples::F32(vec![k as f32 + 1.0, 9.0]);
+            let list: Vec<_> = names.iter().enumerate().map(|(k, n)| (*n, samples(k))).collect();
+            exr(2, 1, &list)
+        };
+        for (names, depth) in [
+            (&["R", "G", "B", "Z"][..], 4.0),
+            (&["R", "G", "B", "depth.Y"], 4.0),
+            (&["R", "G", "B", "A", "VRayZDepth.R"], 5.0),
+            (&["R", "G", "B", "dd.T", "nn.X", "nn.Y", "nn.Z"], 4.0),
+            (&["V.Combined.R", "V.Combined.G", "V.Combined.B", "V.Depth.Z"], 4.0),
+            (&["RY", "BY", "Y", "Depth"], 4.0),
+            (&["R", "A"], 1.0),
+            (&["R", "ID.Y"], 1.0),
+        ] {
+            let file = of(names);
+            let raster = decode_depth(&file).map_err(|e| format!("{names:?}: {e}")).unwrap();
+            assert_eq!((floats(&raster), raster.channels), (&[depth, 9.0][..], 1), "{names:?}");
+            assert_eq!(depth_size(&file).unwrap(), [2, 1]);
+        }
+        for names in [
+            &["R", "G", "B"][..],
+            &["R", "G", "B", "A"],
+            &["R", "G"],
+            &["R", "G", "B", "shadow.Y"],
+            &["R", "G", "B", "depth.X", "depth.Y"],
+            &["R", "G", "B", "depth.Y", "Distance"],
+            &["RY", "BY", "Y"],
+        ] {
+            let error = decode_depth(&of(names)).unwrap_err().to_string();
+            let all = names.iter().all(|name| error.contains(name));
+            assert!(all && error.contains("give depth as a channel Z"), "{names:?}: {error}");
+        }
+        let grey = |blue: f32| {
+            let values = |v: f32| FlatSamples::F32(vec![v, f32::NAN]);
+            exr(2, 1, &[("R", values(2.0)), ("G", values(2.0)), ("B", values(blue))])
+        };
+        assert_eq!(floats(&decode_depth(&grey(2.0)).unwrap())[0], 2.0);
+        assert!(decode_depth(&grey(2.5)).is_err());
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The bytes of a scene's files and their formats.
 
 use super::error::SceneError;
+use super::other_formats::name_with_conversion;
 use std::path::PathBuf;
 
 /// The contents of a file, and its path for error texts.
@@ -13,11 +14,11 @@ pub struct NamedBytes {
 /// The files of one photograph.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PhotographFiles {
-    /// PNG, JPEG, PNM, EXR, Radiance HDR, PFM or `.npy`.
+    /// PNG, JPEG, PNM, EXR, Radiance HDR, PFM, `.npy` or `.npz`.
     pub color: NamedBytes,
-    /// PNG, PNM, EXR, PFM or `.npy`.
+    /// PNG, PNM, EXR, PFM, TIFF, `.npy` or `.npz`.
     pub depth: NamedBytes,
-    /// PNG, PNM or `.npy`. Without a mask, every finite depth above 0 is valid.
+    /// PNG, PNM, `.npy` or `.npz`. Without a mask, every finite depth above 0 is valid.
     pub mask: Option<NamedBytes>,
 }
 
@@ -41,6 +42,7 @@ pub(crate) enum FileFormat {
     Ply,
     Pfm,
     Hdr,
+    Tiff,
 }
 
 impl FileFormat {
@@ -54,6 +56,7 @@ impl FileFormat {
             Self::Ply => "PLY",
             Self::Pfm => "PFM",
             Self::Hdr => "Radiance HDR",
+            Self::Tiff => "TIFF",
         }
     }
 }
@@ -66,18 +69,20 @@ impl NamedBytes {
             [0x89, b'P', b'N', b'G', ..] => Ok(FileFormat::Png),
             [0xff, 0xd8, 0xff, ..] => Ok(FileFormat::Jpeg),
             [b'P', b'1'..=b'7', b' ' | b'\t' | b'\r' | b'\n' | b'#', ..] => Ok(FileFormat::Pnm),
-            [b'P', b'f' | b'F', b' ' | b'\r' | b'\n', ..] => Ok(FileFormat::Pfm),
-            [b'#', b'?', b'R', ..] => Ok(FileFormat::Hdr),
+            [b'P', b'f' | b'F', b' ' | b'\t' | b'\r' | b'\n', ..] => Ok(FileFormat::Pfm),
+            [b'#', b'?', ..] => Ok(FileFormat::Hdr),
             [0x76, 0x2f, 0x31, 0x01, ..] => Ok(FileFormat::Exr),
             [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Ok(FileFormat::Npy),
             [b'p', b'l', b'y', b'\r' | b'\n', ..] => Ok(FileFormat::Ply),
-            [b'P', b'K', 3, 4, ..] => {
-                Err(self.wrong_format("a ZIP archive (.npz?)".to_owned(), expected))
-            }
+            // A .npz file is a ZIP archive of .npy files.
+            [b'P', b'K', 3, 4, ..] => Ok(FileFormat::Npy),
+            [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => Ok(FileFormat::Tiff),
             other => {
-                let start: Vec<String> =
-                    other.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
-                let found = format!("of no known format (it starts with {})", start.join(" "));
+                let found = name_with_conversion(other).unwrap_or_else(|| {
+                    let start: Vec<String> =
+                        other.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+                    format!("of no known format (it starts with {})", start.join(" "))
+                });
                 Err(self.wrong_format(found, expected))
             }
         }
@@ -140,12 +145,18 @@ mod tests {
     fn magic_bytes_determine_the_format() {
         assert_eq!(named(b"\xff\xd8\xff\xe0").format("x").unwrap(), FileFormat::Jpeg);
         assert_eq!(named(b"P5 1 1 255 a").format("x").unwrap(), FileFormat::Pnm);
+        let error = named(b"ABC89a").format("PNG or EXR").unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "dir/a.png is of no known format (it starts with 41 42 43 38 39 61); give PNG or EXR"
+        );
         let error = named(b"GIF89a").format("PNG or EXR").unwrap_err().to_string();
         assert_eq!(
             error,
-            "dir/a.png is of no known format (it starts with 47 49 46 38 39 61); give PNG or EXR"
+            "dir/a.png is GIF, which is not read (`magick IN.gif[0] OUT.png`); give PNG or EXR"
         );
-        assert!(named(b"PK\x03\x04").format("x").unwrap_err().to_string().contains("npz"));
+        assert_eq!(named(b"PK\x03\x04").format("x").unwrap(), FileFormat::Npy);
+        assert_eq!(named(b"II*\0").format("x").unwrap(), FileFormat::Tiff);
         assert!(matches!(named(b"").format("x"), Err(SceneError::Empty { .. })));
     }
 

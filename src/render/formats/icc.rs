@@ -57,7 +57,13 @@ pub(crate) fn read(icc: &[u8], channels: usize) -> Result<Option<ColorSpace>, Co
         let Some(grey) = &profile.gray_trc else {
             return unsupported("has no curve of grey");
         };
-        return Ok(ColorSpace::of_grey(curve(grey)?));
+        let curve = curve(grey)?;
+        // ICC.1:2022, 8.3.4: the curve gives the connection space's achromatic channel, here L*.
+        return Ok(ColorSpace::of_grey(match profile.pcs {
+            DataColorSpace::Lab => Curve::Lightness(Box::new(curve)),
+            DataColorSpace::Xyz => curve,
+            _ => return unsupported("has a connection space other than XYZ and Lab"),
+        }));
     }
     let (Some(red), Some(green), Some(blue)) =
         (&profile.red_trc, &profile.green_trc, &profile.blue_trc)

@@ -1,10 +1,12 @@
-//! Reads images from `.npy` files in C or Fortran order, with elements of any [`Element`] type, row by row.
+//! Reads images from `.npy` files, and from `.npz` files with one array, in C or Fortran order, with elements of any [`Element`] type, row by row.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
 use super::limits::check_size;
 use super::npy_header::{Element, NpyError, NpyHeader};
+use super::npz;
 use ::exr::prelude::f16;
+use std::borrow::Cow;
 
 /// Meaning of an array's axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,7 +27,7 @@ pub(crate) struct NpyImage<'a> {
     big_endian: bool,
     /// Distances, in elements, to the pixel below, to the next pixel of the row, and to the next channel.
     strides: [usize; 3],
-    data: &'a [u8],
+    data: Cow<'a, [u8]>,
 }
 
 /// Size and type of an image, from its header.
@@ -50,8 +52,21 @@ impl NpyHead {
         axes: Axes,
         expected: &'static str,
     ) -> Result<Self, SceneError> {
+        let array = npz::array(file)?;
+        let length = if npz::is_archive(file) { array.len() as u64 } else { length };
+        Self::of_array(file, &array, length, axes, expected)
+    }
+
+    /// Parses the header of an array of `length` bytes and checks the shape and the size.
+    fn of_array(
+        file: &NamedBytes,
+        array: &[u8],
+        length: u64,
+        axes: Axes,
+        expected: &'static str,
+    ) -> Result<Self, SceneError> {
         let unreadable = |error: NpyError| file.unreadable(FileFormat::Npy, error);
-        let header = NpyHeader::parse(&file.bytes).map_err(unreadable)?;
+        let header = NpyHeader::parse(array).map_err(unreadable)?;
         let (height_axis, channels) = match (axes, header.shape.as_slice()) {
             (_, [_, _] | [_, _, 1]) => (0, 1),
             (Axes::Single, [1, _, _]) => (1, 1),
@@ -80,9 +95,16 @@ impl<'a> NpyImage<'a> {
         axes: Axes,
         expected: &'static str,
     ) -> Result<Self, SceneError> {
+        let array = npz::array(file)?;
         let NpyHead { width, height, channels, header } =
-            NpyHead::parse(file, file.bytes.len() as u64, axes, expected)?;
-        let data = &file.bytes[header.data_offset..];
+            NpyHead::of_array(file, &array, array.len() as u64, axes, expected)?;
+        let data = match array {
+            Cow::Borrowed(array) => Cow::Borrowed(&array[header.data_offset..]),
+            Cow::Owned(mut array) => {
+                array.drain(..header.data_offset);
+                Cow::Owned(array)
+            }
+        };
         // Without a channel axis, the channel stride is not used.
         let strides = if header.fortran_order {
             [1, height, width * height]

@@ -1,16 +1,16 @@
 //! Portable float maps, a common format of depth estimates and light probes.
 //!
-//! A text header has three lines: `Pf` (grey) or `PF` (RGB), `width height`, and a scale. The sign of the scale gives
-//! the byte order (negative: little-endian); its magnitude is ignored, as in other readers. 32-bit floats follow, **the
-//! lowest row first** (<https://www.pauldebevec.com/Research/HDR/PFM/>).
+//! A text header has three lines: `Pf` (grey) or `PF` (RGB), `width height`, and a scale. Any white space separates
+//! their words. The sign of the scale gives the byte order (negative: little-endian); its magnitude is ignored, as in
+//! other readers. 32-bit floats follow, **the lowest row first** (<https://www.pauldebevec.com/Research/HDR/PFM/>).
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
 use super::limits::check_size;
 use super::raster::{Raster, Samples};
 
-/// Largest length of a header word with the white-space byte after it.
-const LINE_BYTES: usize = 64;
+/// Largest length of a header word, and of the white space before it.
+const WORD_BYTES: usize = 64;
 
 pub(crate) struct PfmHead {
     pub(crate) width: usize,
@@ -42,12 +42,19 @@ pub(crate) fn head(file: &NamedBytes, length: u64) -> Result<PfmHead, SceneError
         Some(scale) if scale > 0.0 => false,
         _ => return Err(bad("its header has no scale")),
     };
-    let data_offset = file.bytes.len() - rest.len();
-    let found = length.saturating_sub(data_offset as u64);
+    // One byte of white space ends the header; but floats may begin with such bytes, so the length decides if there are more.
+    let data = file.bytes.len() - rest.len();
     let expected = width * height * (channels * size_of::<f32>()) as u64;
-    if found != expected {
+    let line_end = match rest.iter().position(|byte| *byte == b'\n') {
+        Some(at) if rest[..at].iter().all(u8::is_ascii_whitespace) => data + at + 1,
+        _ => data + 1,
+    };
+    let follow = |offset: usize| length.saturating_sub(offset as u64);
+    let Some(data_offset) = [data + 1, line_end].into_iter().find(|o| follow(*o) == expected)
+    else {
+        let found = follow(line_end);
         return Err(bad(&format!("{found} bytes follow its header, but it needs {expected}")));
-    }
+    };
     Ok(PfmHead { width: width as usize, height: height as usize, channels, is_little, data_offset })
 }
 
@@ -63,12 +70,13 @@ pub(crate) fn decode(file: &NamedBytes) -> Result<Raster, SceneError> {
     Ok(Raster::plain(width, height, channels, Samples::F32(values.collect())))
 }
 
-/// Takes the next word and the white-space byte after it.
+/// Takes the next word and the white space before it. A word that ends with the bytes is cut.
 fn word<'b>(rest: &mut &'b [u8]) -> Option<&'b str> {
-    let end = rest.iter().take(LINE_BYTES).position(u8::is_ascii_whitespace)?;
-    let word = std::str::from_utf8(&rest[..end]).ok()?;
-    *rest = &rest[end + 1..];
-    (!word.is_empty()).then_some(word)
+    let start = rest.iter().take(WORD_BYTES).position(|byte| !byte.is_ascii_whitespace())?;
+    let word = &rest[start..];
+    let end = word.iter().take(WORD_BYTES).position(u8::is_ascii_whitespace)?;
+    *rest = &word[end..];
+    std::str::from_utf8(&word[..end]).ok()
 }
 
 #[cfg(test)]
@@ -98,11 +106,32 @@ mod tests {
     }
 
     #[test]
+    fn any_white_space_separates_the_words() {
+        // The first float begins with bytes of white space.
+        let values = [[0x0a, 0x0a, 0x20, 0x40], [0x0d, 0x0a, 0x80, 0x3f]];
+        let expected = values.map(f32::from_le_bytes);
+        for header in [
+            "Pf\n2 1\n-1.0\n",
+            "Pf\r\n2 1\r\n-1.0\r\n",
+            "Pf\n2 1 \n-1.0\n",
+            "Pf\n2  1\n-1.0 \n",
+            "Pf \n 2\t1\n\n  -1\n",
+            "Pf\t2\n1\r-1 ",
+        ] {
+            let Samples::F32(found) = decode(&file(header, &values)).unwrap().samples else {
+                panic!("floats")
+            };
+            assert_eq!(found, expected, "{header:?}");
+        }
+    }
+
+    #[test]
     fn errors_name_the_problem() {
         let four = [[0; 4]; 4];
         for (header, values, words) in [
             ("Pf\n2 2\n-1\n", &four[..3], "12 bytes follow its header, but it needs 16"),
-            ("Pf\n2\n", &four[..], "width and height"),
+            ("Pf\n2\n", &[], "width and height"),
+            ("Pf\n# note\n2 2\n-1\n", &four[..], "width and height"),
             ("Pf\n2 2\n0\n", &four[..], "no scale"),
             ("Pf\n99999 99999\n-1\n", &four[..], "99999x99999"),
             ("P5\n2 2\n-1\n", &four[..], "neither Pf nor PF"),

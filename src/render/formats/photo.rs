@@ -3,13 +3,12 @@
 
 use super::color_space::{ColorSpace, Inverse};
 use super::error::SceneError;
-use super::files::NamedBytes;
+use super::files::{FileFormat, NamedBytes};
 use super::raster;
 use super::srgb_picture::{SrgbPicture, picture_format, srgb_picture};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::metadata::Orientation;
-use image::{ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageReader};
-use std::io::Cursor;
+use image::{ExtendedColorType, ImageEncoder, ImageError};
 
 /// A picture with the metadata of its file.
 pub struct Photo {
@@ -36,7 +35,7 @@ impl Photo {
         let format = picture_format(file)?;
         let raster = raster::decode(file, format)?.upright();
         let picture = srgb_picture(file, &raster)?;
-        let (icc, exif) = metadata(&file.bytes);
+        let (icc, exif) = metadata(file, format);
         let icc = icc.filter(|_| raster.channels > 2);
         let own = match (&icc, &raster.color) {
             (Some(_), Ok(Some(space))) => {
@@ -103,9 +102,8 @@ impl Photo {
 
 /// Reads the ICC profile and the EXIF data of a file. Metadata that cannot be read are left out, because the pixels do
 /// not depend on them.
-fn metadata(bytes: &[u8]) -> (Option<Vec<u8>>, Option<Vec<u8>>) {
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
-    let Some(mut decoder) = reader.ok().and_then(|reader| reader.into_decoder().ok()) else {
+fn metadata(file: &NamedBytes, format: FileFormat) -> (Option<Vec<u8>>, Option<Vec<u8>>) {
+    let Ok((mut decoder, _)) = raster::open(file, format) else {
         return (None, None);
     };
     let icc = decoder.icc_profile().ok().flatten();

@@ -3,13 +3,14 @@
 use super::color_space::ColorSpace;
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
+use super::hdr::HdrPicture;
 use super::icc::ColorError;
 use super::jpeg;
 use super::limits::{check_size, image_limits};
 use super::meaning;
 use super::png_chunks::PngChunks;
 use super::upright::{PictureSize, turn_of};
-use image::codecs::{hdr::HdrDecoder, jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder};
+use image::codecs::{jpeg::JpegDecoder, png::PngDecoder, pnm::PnmDecoder};
 use image::metadata::Orientation as Turn;
 use image::{ColorType, ImageDecoder};
 use std::io::Cursor;
@@ -101,17 +102,25 @@ impl Head {
 
 /// A decoder of the `image` crate that has read the header, and the largest code according to the header of a PNM file;
 /// `None` for other formats.
-type Opened<'a> = (Box<dyn ImageDecoder + 'a>, Option<u32>);
+pub(super) type Opened<'a> = (Box<dyn ImageDecoder + 'a>, Option<u32>);
 
-fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError> {
+pub(super) fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError> {
     let bytes = Cursor::new(file.bytes.as_slice());
     let failed = |error: image::ImageError| file.unreadable(format, error);
     Ok(match format {
         FileFormat::Png => {
             (Box::new(PngDecoder::with_limits(bytes, image_limits()).map_err(failed)?), None)
         }
-        FileFormat::Jpeg => (Box::new(JpegDecoder::new(bytes).map_err(failed)?), None),
-        FileFormat::Hdr => (Box::new(HdrDecoder::new(bytes).map_err(failed)?), None),
+        FileFormat::Jpeg => match jpeg::Head::find(&file.bytes).kind() {
+            jpeg::Kind::Common => (Box::new(JpegDecoder::new(bytes).map_err(failed)?), None),
+            jpeg::Kind::Rare => {
+                (Box::new(jpeg::RareDecoder::new(&file.bytes).map_err(failed)?), None)
+            }
+            jpeg::Kind::Refused(found, expected) => {
+                return Err(file.wrong_format(found.to_owned(), expected));
+            }
+        },
+        FileFormat::Hdr => (Box::new(HdrPicture::open(file)?), None),
         FileFormat::Pnm => {
             let decoder = PnmDecoder::new(bytes).map_err(failed)?;
             let original_max = decoder.header().maximal_sample();
@@ -121,6 +130,12 @@ fn open(file: &NamedBytes, format: FileFormat) -> Result<Opened<'_>, SceneError>
             return Err(file.wrong_format(
                 "a PLY mesh".to_owned(),
                 "an image here, or name the file as \"mesh\" in place of color and depth",
+            ));
+        }
+        FileFormat::Tiff => {
+            return Err(file.wrong_format(
+                "TIFF, which is read as depth alone (`magick IN.tif OUT.png`)".to_owned(),
+                "another format here",
             ));
         }
         FileFormat::Exr | FileFormat::Npy | FileFormat::Pfm => {
@@ -136,7 +151,7 @@ pub(crate) fn head(file: &NamedBytes, format: FileFormat) -> Result<Head, SceneE
 
 /// Decodes a PNG, JPEG, PNM or Radiance HDR file to its stored rows.
 ///
-/// The JPEG decoder selects instructions for the machine. No test compares its bits between instruction sets.
+/// The common JPEG decoder selects instructions for the machine. No test compares its bits between instruction sets.
 pub(crate) fn decode(file: &NamedBytes, format: FileFormat) -> Result<Raster, SceneError> {
     file.contain(format, || {
         let mut opened = open(file, format)?;

@@ -131,7 +131,7 @@ mod tests {
             .filter_map(|name| name.strip_suffix(".srgb.png").map(str::to_owned))
             .collect();
         names.sort();
-        assert_eq!(names.len(), 16);
+        assert_eq!(names.len(), 19);
         for name in names {
             let expected = read(&format!("{name}.srgb.png")).unwrap();
             let of_jpeg = folder().join(format!("{name}.jpg")).exists();

@@ -125,7 +125,7 @@ fn row(key: &str) -> Option<Limit> {
         "exposure_ev" => Limit::between(-30.0, 30.0, "-30 to 30 stops"),
         // In this range, the light of a black body has no negative channel and its formula holds.
         "illuminant_k" => Limit::between(2000.0, 25_000.0, "2000 to 25000 K"),
-        "intrinsics.cx" | "intrinsics.cy" => FINITE,
+        "intrinsics.cx" | "intrinsics.cy" | "depth_none_code" => FINITE,
         "intrinsics.size" => Limit::between(1.0, 4_294_967_295.0, "at least 1 px"),
         // The tracer accepts coordinates up to this limit.
         "pose.translation_m" => Limit::between(-1.0e7, 1.0e7, "-1e7 to 1e7"),

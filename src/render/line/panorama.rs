@@ -53,6 +53,9 @@ pub struct DepthMap {
     pub depth: String,
     /// Metres per unit of the file.
     pub depth_unit_m: f64,
+    /// Value in the file that means "no distance".
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_none_code: Option<f64>,
     /// Kind of the distances: along the ray, or relative. Never z, because a panorama has no optical axis.
     pub depth_kind: DepthKind,
     /// Range of relative distances in metres.

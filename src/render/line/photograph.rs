@@ -33,6 +33,9 @@ pub struct Photograph {
     /// Metres per unit of the depth file.
     #[serde(default = "one")]
     pub depth_unit_m: f64,
+    /// Value in the depth file that means "no depth".
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_none_code: Option<f64>,
     /// Quantity that the depth file holds.
     #[serde(default)]
     pub depth_kind: DepthKind,

@@ -73,6 +73,7 @@ struct PanoramaKeys {
     depth_m: Option<f64>,
     depth: Option<String>,
     depth_unit_m: Option<f64>,
+    depth_none_code: Option<f64>,
     depth_kind: Option<DepthKind>,
     depth_range: Option<DepthRange>,
     fill: Option<Fill>,
@@ -96,6 +97,7 @@ impl PanoramaKeys {
         }
         let of_depth = [
             ("depth_unit_m", self.depth_unit_m.is_some()),
+            ("depth_none_code", self.depth_none_code.is_some()),
             ("depth_kind", self.depth_kind.is_some()),
             ("depth_range", self.depth_range.is_some()),
             ("fill", self.fill.is_some()),
@@ -107,6 +109,7 @@ impl PanoramaKeys {
             (Some(depth), None) => PanoramaDepth::Map(DepthMap {
                 depth,
                 depth_unit_m: self.depth_unit_m.unwrap_or_else(one),
+                depth_none_code: self.depth_none_code,
                 depth_kind: self.depth_kind.unwrap_or(DepthKind::Distance),
                 depth_range: self.depth_range,
                 fill: self.fill.unwrap_or_default(),

@@ -201,6 +201,7 @@ fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
         side,
         &[
             ("depth_unit_m", &[photograph.depth_unit_m]),
+            ("depth_none_code", photograph.depth_none_code.as_slice()),
             ("intrinsics.fx", &[camera.fx]),
             ("intrinsics.fy", &[camera.fy]),
             ("intrinsics.cx", &[camera.cx]),
@@ -223,6 +224,7 @@ fn shape(side: &str, photograph: &Photograph) -> Result<(), LineError> {
         ("depth", !photograph.depth.is_empty()),
         ("mask", photograph.mask.is_some()),
         ("depth_unit_m", photograph.depth_unit_m != 1.0),
+        ("depth_none_code", photograph.depth_none_code.is_some()),
         ("depth_kind", photograph.depth_kind != DepthKind::default()),
         ("depth_range", photograph.depth_range.is_some()),
     ];
@@ -241,7 +243,11 @@ fn panorama(side: &str, panorama: &PanoramaFile) -> Result<(), LineError> {
     match &panorama.depth {
         PanoramaDepth::Constant { depth_m } => all_within(side, &[("depth_m", &[*depth_m])]),
         PanoramaDepth::Map(map) => {
-            all_within(side, &[("depth_unit_m", &[map.depth_unit_m])])?;
+            let none_code = map.depth_none_code.as_slice();
+            all_within(
+                side,
+                &[("depth_unit_m", &[map.depth_unit_m]), ("depth_none_code", none_code)],
+            )?;
             depth_range::check(side, map.depth_kind, map.depth_range.as_ref())
         }
     }

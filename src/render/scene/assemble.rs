@@ -10,6 +10,7 @@ use super::geometry::{
     BackCamera, bow, cosines_between, film_directions, film_plane, film_reach, layers, outline,
     roughness, slab, stack, turned_faces, wave,
 };
+use super::largest_code::largest_code_share;
 use super::load::{DecodedScene, InputDigests};
 use super::near::Near;
 use super::negligible::Negligible;
@@ -17,7 +18,7 @@ use super::place::{DecodedSide, Placed};
 use super::smudges::smudges;
 use super::surface::{back_surface, front_surface};
 use super::view::OddView;
-use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine};
+use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine, Side};
 use crate::trace::{
     Bow, Cover, Lens, OrderPlan, RoughPane, RoughShape, Sampling, Scene, Slab, StackOptics,
 };
@@ -104,7 +105,8 @@ pub fn assemble_decoded(
         filled_share: Sides { front: front.filled_share(), back: back.filled_share() },
         relative_depth: SidesWith { front: front.relative(), back: back.relative() },
         too_near_share,
-        far_median_m: far_medians_m(line, &front, &back),
+        far_median_m: of_sides(line, [&front, &back], far_median_m),
+        largest_code_share: of_sides(line, [&front, &back], largest_code_share),
         odd_view,
         other_aspect: SidesWith { front: OtherAspect::of(&front), back: OtherAspect::of(&back) },
         max_radiance,
@@ -138,11 +140,6 @@ pub fn assemble_decoded(
     Ok((scene, facts))
 }
 
-/// Returns the median depths of photographs that are far.
-fn far_medians_m(line: &SceneLine, front: &Placed, back: &Placed) -> SidesWith<f64> {
-    SidesWith { front: far_median_m(&line.front, front), back: far_median_m(&line.back, back) }
-}
-
 /// Checks the intrinsics of photographs.
 fn odd_view(
     line: &SceneLine,
@@ -153,6 +150,15 @@ fn odd_view(
         front: OddView::of(line, "front", front)?,
         back: OddView::of(line, "back", back)?,
     })
+}
+
+/// Finds a fact about each placed side.
+fn of_sides<T>(
+    line: &SceneLine,
+    [front, back]: [&Placed; 2],
+    fact: impl Fn(&Side, &Placed) -> Option<T>,
+) -> SidesWith<T> {
+    SidesWith { front: fact(&line.front, front), back: fact(&line.back, back) }
 }
 
 /// Places edges, frame and cards.

@@ -13,7 +13,8 @@ use crate::line::{Highlights, Orientation, Transfer};
 use std::path::Path;
 use std::rc::Rc;
 
-pub(super) const FORMATS: &str = "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM or .npy colour image";
+pub(super) const FORMATS: &str =
+    "a PNG, JPEG, PNM, EXR, Radiance HDR, PFM, .npy or .npz colour image";
 const NPY: &str = "(H,W), (H,W,1), (H,W,3) or (H,W,4) of u1, u2, f2, f4 or f8";
 
 pub(super) struct Color {
@@ -125,6 +126,13 @@ fn radiance(
     let unusable = |source| SceneError::Color { path: path.to_owned(), source };
     let &Raster { width, height, channels, .. } = raster;
     let space = raster.color.as_ref().map_err(|source| unusable(source.clone()))?;
+    if let Samples::F32(values) = &raster.samples {
+        transfer::check_range(transfer, values).map_err(|found| SceneError::Layout {
+            path: path.to_owned(),
+            found,
+            expected: "colours of 0 to 1 (divide by 255 or 65535), or \"transfer\": \"linear\" if they are linear light",
+        })?;
+    }
     let radiance = match (&raster.samples, space) {
         (Samples::U8(codes), Some(space)) => {
             converted(codes, channels, space, transfer, scale, 255)
@@ -358,6 +366,20 @@ mod tests {
     }
 
     #[test]
+    fn floats_of_0_to_255_are_no_colours_of_srgb() {
+        let data: Vec<u8> = [0.0f32, 128.0, 255.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+        for file in [
+            npy("<f4", false, "(1, 1, 3)", &data),
+            NamedBytes { path: "a.npy".into(), bytes: [&b"PF 1 1 -1\n"[..], &data].concat() },
+        ] {
+            let error = color_error(&file);
+            assert!(error.contains("a.npy holds floats of up to 255"), "{error}");
+            assert!(error.contains("divide by 255") && error.contains("linear"), "{error}");
+            assert_eq!(linear(&file)[0][2], 255.0);
+        }
+    }
+
+    #[test]
     fn bad_radiance_is_counted_and_located() {
         let values = [1.0f32, f32::NAN, 0.0, -1.0, f32::INFINITY, 1.0];
         let data: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
@@ -431,7 +453,7 @@ mod tests {
             bytes: std::fs::read(folder.join(name)).unwrap(),
         };
         let encoder = crate::color::SrgbEncoder::new();
-        for name in ["p3", "adobe", "grey-table", "chunk-cicp"] {
+        for name in ["p3", "adobe", "grey-table", "grey-lab", "chunk-cicp", "chunk-video"] {
             let scale = [0.5, 2.0, 1.0];
             let (tagged, twin) = (file(&format!("{name}.png")), file(&format!("{name}.srgb.png")));
             let found = decode(&tagged, Upright, Transfer::Srgb, scale).unwrap();

@@ -6,10 +6,10 @@ use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::npy::{Axes, NpyHead, NpyImage};
 use crate::formats::npy_header::Element;
 use crate::formats::raster::{self, Raster, Samples};
-use crate::formats::{exr_raster, pfm};
+use crate::formats::{exr_raster, pfm, tiff_depth};
 use crate::line::{DepthKind, Intrinsics, Orientation};
 
-const FORMATS: &str = "a .npy, grey PNG, grey PNM, PFM or EXR depth image";
+const FORMATS: &str = "a .npy, .npz, grey PNG, grey PNM, PFM, TIFF or EXR depth image";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers";
 
 /// A depth image with the holes of its file.
@@ -53,6 +53,7 @@ pub(super) fn size(file: &NamedBytes, length: u64) -> Result<PictureSize, SceneE
             return Ok(PictureSize::plain([head.width, head.height]));
         }
         FileFormat::Exr => return exr_raster::depth_size(file).map(PictureSize::plain),
+        FileFormat::Tiff => return tiff_depth::size(file),
         FileFormat::Pfm => {
             let head = pfm::head(file, length)?;
             (PictureSize::plain([head.width, head.height]), head.channels, false)
@@ -66,15 +67,35 @@ pub(super) fn size(file: &NamedBytes, length: u64) -> Result<PictureSize, SceneE
     Ok(size)
 }
 
-/// Decodes a depth image with values in units of `unit_m` metres.
+/// How the values of a depth file become depths.
+#[derive(Clone, Copy)]
+pub(super) struct DepthCodes {
+    /// Metres per unit.
+    pub(super) unit_m: f64,
+    /// Value that means "no depth".
+    pub(super) none_code: Option<f64>,
+}
+
+impl DepthCodes {
+    /// Depths in metres, without a code for "no depth".
+    pub(super) const PLAIN: Self = Self { unit_m: 1.0, none_code: None };
+
+    /// Returns the depth of a value, m; NaN, which is a hole in every kind of depth, for the code of none.
+    fn depth_m(self, value: f64) -> f64 {
+        if self.none_code == Some(value) { f64::NAN } else { value * self.unit_m }
+    }
+}
+
+/// Decodes a depth image.
 pub(super) fn decode(
     file: &NamedBytes,
     orientation: Orientation,
-    unit_m: f64,
+    codes: DepthCodes,
 ) -> Result<Depth, SceneError> {
     let raster = match format(file)? {
-        FileFormat::Npy => return decode_npy(file, unit_m),
+        FileFormat::Npy => return decode_npy(file, codes),
         FileFormat::Exr => exr_raster::decode_depth(file)?,
+        FileFormat::Tiff => tiff_depth::decode(file)?,
         FileFormat::Pfm => pfm::decode(file)?,
         format => raster::decode(file, format)?,
     };
@@ -83,9 +104,9 @@ pub(super) fn decode(
     let raster = raster.read_as(orientation);
     let Raster { width, height, .. } = raster;
     let z_m = match raster.samples {
-        Samples::U8(codes) => codes.iter().map(|&code| code as f64 * unit_m).collect(),
-        Samples::U16(codes) => codes.iter().map(|&code| code as f64 * unit_m).collect(),
-        Samples::F32(values) => values.iter().map(|&value| value as f64 * unit_m).collect(),
+        Samples::U8(values) => values.iter().map(|&v| codes.depth_m(v.into())).collect(),
+        Samples::U16(values) => values.iter().map(|&v| codes.depth_m(v.into())).collect(),
+        Samples::F32(values) => values.iter().map(|&v| codes.depth_m(v.into())).collect(),
     };
     Ok(Depth { width, height, size, z_m })
 }
@@ -97,14 +118,14 @@ fn check_element(file: &NamedBytes, element: Element) -> Result<(), SceneError> 
     Ok(())
 }
 
-fn decode_npy(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
+fn decode_npy(file: &NamedBytes, codes: DepthCodes) -> Result<Depth, SceneError> {
     let image = NpyImage::parse(file, Axes::Single, NPY)?;
     check_element(file, image.element)?;
     Ok(Depth {
         width: image.width,
         height: image.height,
         size: PictureSize::plain([image.width, image.height]),
-        z_m: image.values(|value| value * unit_m),
+        z_m: image.values(|value| codes.depth_m(value)),
     })
 }
 
@@ -115,14 +136,19 @@ impl Depth {
         if kind != DepthKind::Distance {
             return;
         }
-        for (j, row) in self.z_m.chunks_exact_mut(self.width).enumerate() {
-            let y = (j as f64 + 0.5 - intrinsics.cy) / intrinsics.fy;
-            for (i, depth) in row.iter_mut().enumerate() {
-                let x = (i as f64 + 0.5 - intrinsics.cx) / intrinsics.fx;
-                *depth /= (1.0 + x * x + y * y).sqrt();
+        for (row, depths_m) in self.z_m.chunks_exact_mut(self.width).enumerate() {
+            for (column, depth_m) in depths_m.iter_mut().enumerate() {
+                *depth_m /= secant(intrinsics, column, row);
             }
         }
     }
+}
+
+/// Returns the ratio of the distance along the ray of a pixel to the distance along the axis.
+pub(super) fn secant(intrinsics: &Intrinsics, column: usize, row: usize) -> f64 {
+    let x = (column as f64 + 0.5 - intrinsics.cx) / intrinsics.fx;
+    let y = (row as f64 + 0.5 - intrinsics.cy) / intrinsics.fy;
+    (1.0 + x * x + y * y).sqrt()
 }
 
 #[cfg(test)]
@@ -133,7 +159,8 @@ mod tests {
     use image::ExtendedColorType as Png;
 
     fn decode(file: &NamedBytes, unit_m: f64) -> Result<Depth, SceneError> {
-        super::decode(file, Orientation::Upright, unit_m)
+        let codes = DepthCodes { unit_m, none_code: None };
+        super::decode(file, Orientation::Upright, codes)
     }
 
     #[test]
@@ -148,6 +175,18 @@ mod tests {
         assert_eq!(depth.z_m, [258.0, 772.0]);
         let error = decode(&gray(b"P5 2 1 1000 \x01\x02\x03\x04"), 1.0).err().unwrap();
         assert!(error.to_string().contains("codes of a range"), "{error}");
+    }
+
+    #[test]
+    fn the_code_of_none_is_a_hole() {
+        let codes = DepthCodes { unit_m: 0.001, none_code: Some(65535.0) };
+        let words = [1500u16, 65535, 65534];
+        let wide = png(bytemuck::cast_slice(&words), 3, 1, Png::L16);
+        let data: Vec<u8> = words.iter().flat_map(|v| f32::from(*v).to_le_bytes()).collect();
+        for file in [wide, npy("<f4", false, "(1, 3)", &data)] {
+            let z_m = super::decode(&file, Orientation::Upright, codes).unwrap().z_m;
+            assert!(z_m[0] == 1.5 && z_m[1].is_nan() && z_m[2] == 65.534, "{z_m:?}");
+        }
     }
 
     #[test]

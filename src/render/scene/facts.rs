@@ -2,6 +2,7 @@
 
 use super::aspect::OtherAspect;
 use super::far::far_text;
+use super::largest_code::largest_code_text;
 use super::negligible::Negligible;
 use super::place::MeshFacts;
 use super::relative::RelativeEnds;
@@ -40,6 +41,10 @@ pub struct SceneFacts {
     /// Median of the valid depths, m, of photographs where it is above [`super::FAR_MEDIAN_M`]: the unit is probably wrong.
     #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
     pub far_median_m: SidesWith<f64>,
+    /// Share of depth pixels with the largest code of 16 bits, of photographs where it is above 0.1 %: the code probably means
+    /// "no depth".
+    #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
+    pub largest_code_share: SidesWith<f64>,
     /// Sizes of photographs whose depth image has another aspect ratio than the colour image.
     #[serde(default, skip_serializing_if = "SidesWith::is_empty")]
     pub other_aspect: SidesWith<OtherAspect>,
@@ -64,21 +69,13 @@ impl SceneFacts {
 
     /// Returns remarks on the scene's files.
     pub fn notes(&self) -> Vec<String> {
-        let (far, aspect, view) = (&self.far_median_m, &self.other_aspect, &self.odd_view);
-        let sides = [
-            ("front photograph", far.front, aspect.front, view.front),
-            ("back photograph", far.back, aspect.back, view.back),
-        ];
-        let notes = |(side, far_m, aspect, view): (
-            &str,
-            Option<f64>,
-            Option<OtherAspect>,
-            Option<OddView>,
-        )| {
+        let of = |side: &'static str, is_front: bool| {
+            let name = format!("{side} photograph");
             [
-                far_m.map(|far_m| far_text(side, far_m)),
-                aspect.map(|aspect| aspect.text(side)),
-                view.map(|view| view.text(side)),
+                self.far_median_m.of(is_front).map(|far_m| far_text(&name, *far_m)),
+                self.largest_code_share.of(is_front).map(|share| largest_code_text(&name, *share)),
+                self.other_aspect.of(is_front).map(|aspect| aspect.text(&name)),
+                self.odd_view.of(is_front).map(|view| view.text(&name)),
             ]
         };
         let bounded = self.search_was_bounded.then(|| {
@@ -86,7 +83,8 @@ impl SceneFacts {
              those that are not followed"
                 .to_owned()
         });
-        sides.into_iter().flat_map(notes).flatten().chain(bounded).collect()
+        let sides = [of("front", true), of("back", false)];
+        sides.into_iter().flatten().flatten().chain(bounded).collect()
     }
 }
 
@@ -115,6 +113,10 @@ impl<T> Default for SidesWith<T> {
 }
 
 impl<T> SidesWith<T> {
+    fn of(&self, is_front: bool) -> Option<&T> {
+        if is_front { self.front.as_ref() } else { self.back.as_ref() }
+    }
+
     pub fn is_empty(&self) -> bool {
         self.front.is_none() && self.back.is_none()
     }

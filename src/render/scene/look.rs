@@ -3,6 +3,7 @@
 //! Refuses no file that a scene can use: if the header is not conclusive, the caller reads the whole file. [`look`]
 //! does not check the pixels (NaN, no valid depth).
 
+use super::depth::DepthCodes;
 use super::{color, depth, mask, panorama, smudges};
 use crate::formats::PictureSize;
 use crate::formats::error::SceneError;
@@ -76,7 +77,7 @@ pub fn look_at_whole(role: FileRole, file: &NamedBytes) -> Result<Option<Picture
                 drop(color::decode(file, Orientation::Stored, Transfer::Linear, [1.0; 3])?);
             }
             FileRole::Depth | FileRole::PanoramaDepth => {
-                drop(depth::decode(file, Orientation::Stored, 1.0)?);
+                drop(depth::decode(file, Orientation::Stored, DepthCodes::PLAIN)?);
             }
             FileRole::Mask => drop(mask::decode(file, Orientation::Stored)?),
             FileRole::Mesh => drop(ply::decode(file)?),
@@ -263,7 +264,7 @@ mod tests {
     fn is_decoded(role: FileRole, file: &NamedBytes) -> bool {
         let is_sphere = |w, h| panorama::check_aspect(file, w, h).is_ok();
         let color = || color::decode(file, Orientation::Upright, Transfer::Linear, [1.0; 3]);
-        let depth = || depth::decode(file, Orientation::Upright, 1.0);
+        let depth = || depth::decode(file, Orientation::Upright, DepthCodes::PLAIN);
         match role {
             FileRole::Color => color().is_ok(),
             FileRole::Smudges => smudges::decode_map(file).is_ok(),

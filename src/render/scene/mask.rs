@@ -7,7 +7,7 @@ use crate::formats::npy::{Axes, NpyHead, NpyImage};
 use crate::formats::raster::{self, Samples};
 use crate::line::Orientation;
 
-const FORMATS: &str = "a .npy, PNG or PNM mask";
+const FORMATS: &str = "a .npy, .npz, PNG or PNM mask";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers or booleans";
 
 /// Validity of each pixel.

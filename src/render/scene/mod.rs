@@ -32,6 +32,7 @@ mod far;
 mod fill;
 mod geometry;
 mod highlights;
+mod largest_code;
 mod load;
 mod loader;
 mod look;
@@ -57,7 +58,7 @@ pub use cache::PhotographCache;
 pub use check_geometry::{GeometryError, MAX_INCIDENCE_DEG, check_geometry};
 pub use error::{AssembleError, MAX_TOO_NEAR_SHARE};
 pub use facts::{OrderFact, SceneFacts, Sides, SidesWith};
-pub use far::{FAR_MEDIAN_M, far_depth_m, far_text};
+pub use far::{FAR_MEDIAN_M, depth_remarks};
 pub(crate) use geometry::BackCamera;
 pub use geometry::coating_of;
 pub use load::{

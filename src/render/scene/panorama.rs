@@ -148,7 +148,8 @@ fn decode_map(
     line: &DepthMap,
     file: &NamedBytes,
 ) -> Result<(Distances, Option<relative::RelativeEnds>), SceneError> {
-    let mut map = depth::decode(file, Orientation::Upright, line.depth_unit_m)?;
+    let codes = depth::DepthCodes { unit_m: line.depth_unit_m, none_code: line.depth_none_code };
+    let mut map = depth::decode(file, Orientation::Upright, codes)?;
     check_aspect(file, map.width, map.height)?;
     let mut valid = vec![true; map.z_m.len()];
     let ends = line

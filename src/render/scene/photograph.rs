@@ -101,12 +101,17 @@ pub(super) fn check_line(line: &Photograph, path: &Path) -> Result<(), SceneErro
         .map_err(|source| SceneError::Parameter { path: path.to_owned(), source })
 }
 
+/// Returns how the values of a photograph's depth file become depths.
+pub(super) fn codes(line: &Photograph) -> depth::DepthCodes {
+    depth::DepthCodes { unit_m: line.depth_unit_m, none_code: line.depth_none_code }
+}
+
 /// Decodes depth image and mask.
 pub(super) fn decode_shape(
     line: &Photograph,
     files: &PhotographFiles,
 ) -> Result<Shape, SceneError> {
-    let mut depth = depth::decode(&files.depth, line.orientation, line.depth_unit_m)?;
+    let mut depth = depth::decode(&files.depth, line.orientation, codes(line))?;
     let depth_size = depth.size;
     let (width, height) = (depth.width, depth.height);
     let intrinsics = scale_intrinsics(&line.intrinsics, width, height);

@@ -162,8 +162,10 @@ def main():
     converted(Image.open(file), PROFILES["p3"]).save(HERE / "p3-jpeg.srgb.png")
 
     grey = colors().convert("L")
-    for name, curve in {"grey-power": curv(563), "grey-table": SHORT}.items():
-        icc = profile(b"GRAY", {b"kTRC": curve}, 2)
+    greys = {"grey-power": (curv(563), b"XYZ "), "grey-table": (SHORT, b"XYZ "),
+             "grey-lab": (curv(), b"Lab "), "grey-lab-power": (curv(300), b"Lab ")}
+    for name, (curve, pcs) in greys.items():
+        icc = profile(b"GRAY", {b"kTRC": curve}, 2, pcs)
         grey.save(HERE / f"{name}.png", icc_profile=icc)
         converted(grey, icc).save(HERE / f"{name}.srgb.png")
 
@@ -172,6 +174,9 @@ def main():
     chunked("chunk-gamma", rgb(REC709, para(0, 1 / 0.55)), (b"gAMA", struct.pack(">I", 55000)))
     chunked("chunk-p3", rgb(P3, SRGB_CURVE), (b"gAMA", struct.pack(">I", 45455)), chromaticities)
     chunked("chunk-cicp", rgb(P3, SRGB_CURVE), (b"cICP", bytes([12, 13, 0, 1])))
+
+    video = para(3, 1 / 0.45, 1 / 1.099, 0.099 / 1.099, 1 / 4.5, 0.081)
+    chunked("chunk-video", rgb(REC709, video), (b"cICP", bytes([1, 1, 0, 1])))
 
     table = b"mft1\0\0\0\0" + bytes([3, 3, 2, 0]) + b"".join(map(fixed, (1, 0, 0, 0, 1, 0, 0, 0, 1)))
     table += bytes(range(256)) * 3 + bytes([0, 128, 128, 255, 128, 128] * 4) + bytes(range(256)) * 3

@@ -6,36 +6,8 @@ use super::frame::Frame;
 use super::huffman::Table;
 use super::scan::{Scan, Tables, marker_at};
 
-/// What the segments before the first scan say.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Head {
-    /// Number of colour components; 0, if the frame was not found.
-    pub(crate) components: usize,
-    /// True if a segment claims to hold a part of an ICC profile.
-    pub(crate) has_icc: bool,
-}
-
-impl Head {
-    /// Finds the segments in a file or in its beginning.
-    pub(crate) fn find(bytes: &[u8]) -> Self {
-        let mut found = Self::default();
-        let mut at = 2;
-        while let Some((marker, after)) = marker_at(bytes, at) {
-            let Some(data) = segment(bytes, after) else { break };
-            match marker {
-                0xda => break,
-                0xe2 => found.has_icc |= data.starts_with(b"ICC_PROFILE\0"),
-                0xc0..=0xc3 => found.components = data.get(5).copied().unwrap_or(0).into(),
-                _ => {}
-            }
-            at = after + 2 + data.len();
-        }
-        found
-    }
-}
-
 /// Returns the contents of the segment whose length is at `at`.
-fn segment(bytes: &[u8], at: usize) -> Option<&[u8]> {
+pub(super) fn segment(bytes: &[u8], at: usize) -> Option<&[u8]> {
     let length = u16::from_be_bytes(*bytes.get(at..)?.first_chunk::<2>()?);
     bytes.get(at + 2..at + usize::from(length))
 }

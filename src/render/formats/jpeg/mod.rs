@@ -7,13 +7,16 @@
 
 mod bits;
 mod frame;
+mod head;
 mod huffman;
 mod markers;
 mod progressive;
+mod rare;
 mod scan;
 mod sequential;
 
-pub(crate) use markers::Head;
+pub(crate) use head::{Head, Kind};
+pub(crate) use rare::RareDecoder;
 
 /// Damage of a JPEG file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -40,5 +43,7 @@ pub(crate) fn check(bytes: &[u8]) -> Result<(), JpegDamage> {
     markers::check(bytes)
 }
 
+#[cfg(test)]
+mod matrix_tests;
 #[cfg(test)]
 mod tests;

@@ -4,10 +4,14 @@ use super::*;
 use crate::formats::NamedBytes;
 use crate::formats::exr_raster::tests::{exr, exr_coded};
 use crate::formats::npy::tests::npy;
+use crate::formats::npz::tests::npz;
 use crate::formats::raster::tests::{jpeg, png, repair_png};
+use crate::formats::tiff_depth::tests::tiff;
 use ::exr::prelude::{Blocks, Compression, Encoding, FlatSamples, LineOrder, Vec2};
+use ::tiff::encoder::colortype::{Gray16, Gray32Float};
 use image::ExtendedColorType as Png;
 use proptest::prelude::*;
+use zip::CompressionMethod::Deflated;
 
 /// Decodes the bytes as colour, depth and mask beside valid files, and checks the sheet or the error.
 fn decode_everywhere(bytes: &[u8]) {
@@ -61,6 +65,9 @@ fn seeds() -> Vec<Vec<u8>> {
         npy(">f8", true, "(2, 3, 1)", &ramp),
         npy("|u1", false, "(2, 3, 3)", &ramp[..18]),
         npy("|b1", false, "(1, 2, 3)", &ramp[..6]),
+        npz(&[("a.npy", &npy("<u2", false, "(2, 3)", &ramp[..12]).bytes)], Deflated),
+        tiff::<Gray16>(1, &[1, 2, 65535]),
+        tiff::<Gray32Float>(1, &[0.5, 2.0, 4.0]),
     ]
     .into_iter()
     .map(|file| file.bytes)
@@ -83,6 +90,7 @@ fn seeds() -> Vec<Vec<u8>> {
             b"P4 3 2 \xa0\x40",
             b"P5 3 2 65535 abcdefghijkl",
             b"P6 3 2 255 abcdefghijklmnopqr",
+            b"#?RGBE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2\n\n-Y 1 +X 2\n\x80\x40\x20\x81\x10\x20\x30\x80",
             b"P7\nWIDTH 3\nHEIGHT 2\nDEPTH 1\nMAXVAL 255\nTUPLTYPE GRAYSCALE\nENDHDR\nabcdef",
         ]
         .map(<[u8]>::to_vec),
@@ -120,7 +128,9 @@ fn the_seeds_are_valid_files() {
         let file = NamedBytes { path: format!("seed {index}").into(), bytes: seed };
         let line = crate::line::Transfer::Srgb;
         let as_color = super::color::decode(&file, Orientation::Upright, line, [1.0; 3]).is_ok();
-        let as_depth = super::depth::decode(&file, Orientation::Upright, 1.0).is_ok();
+        let as_depth =
+            super::depth::decode(&file, Orientation::Upright, super::depth::DepthCodes::PLAIN)
+                .is_ok();
         assert!(
             as_color || as_depth || super::mask::decode(&file, Orientation::Upright).is_ok(),
             "seed {index}"

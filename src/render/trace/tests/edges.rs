@@ -41,6 +41,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         orientation: crate::line::Orientation::Upright,
         transfer: Transfer::Linear,
         depth_unit_m: unit_m,
+        depth_none_code: None,
         depth_kind: crate::line::DepthKind::Z,
         depth_range: None,
         intrinsics: crate::line::Intrinsics {
