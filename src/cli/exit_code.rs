@@ -119,7 +119,7 @@ exit_codes! {
         Missing | Manifest | Root => InvalidInput,
         Spec | Disagrees => Disagrees,
         Busy => TryAgain,
-        Changed | Read => Failed,
+        Changed | Read | Disk => Failed,
     }
     crate::run::AccessError {
         (Run | Store) => its_own,

@@ -54,6 +54,9 @@ pub fn main() -> ExitCode {
 
 /// Reports a failure, including an answer that could not be written, and returns the exit code.
 fn finish(result: Result<Exit, Failure>, output: &Output) -> ExitCode {
+    if let Some(folder) = render::disk::unsynced_folder() {
+        output.note(&format!("{}: {}", folder.display(), render::disk::NO_FOLDER_SYNC));
+    }
     match result.and_then(|exit| output::check_stdout().map(|()| exit)) {
         Ok(exit) => exit.into(),
         Err(failure) => {

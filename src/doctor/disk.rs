@@ -4,6 +4,7 @@
 
 use super::finding::{Finding, Level, bytes_text, seconds_text};
 use render::atomic_file;
+use render::disk::{NO_FOLDER_SYNC, NO_LINKS, NO_LOCKS, OTHER_DISK, sync_folder};
 use std::fs::{self, File, TryLockError};
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
@@ -170,7 +171,7 @@ fn promises(place: &Path) -> io::Result<Finding> {
             broken.push("a link replaces a file");
         }
         Ok(()) => {}
-        Err(_) => broken.push("hard links do not work"),
+        Err(_) => broken.push(NO_LINKS),
     }
     fs::rename(path("two"), path("one"))?;
     if fs::read(path("one"))? != b"two" || path("two").exists() {
@@ -184,14 +185,19 @@ fn promises(place: &Path) -> io::Result<Finding> {
     let open = || File::options().append(true).open(path("one"));
     let (first, second) = (open()?, open()?);
     if !matches!((locks(&first), locks(&second)), (Ok(true), Ok(false))) {
-        broken.push("locks do not work, so two programs could work on one run");
+        broken.push(NO_LOCKS);
     }
-    Ok(if broken.is_empty() {
+    let syncs = sync_folder(place)?;
+    Ok(if broken.is_empty() && !syncs {
+        Finding::warn(
+            "disk promises",
+            NO_FOLDER_SYNC,
+            "use another disk for results that must survive a power cut",
+        )
+    } else if broken.is_empty() {
         Finding::ok("disk promises", "exclusive creation, renames, links and locks work")
     } else {
-        let to_do =
-            "use another disk for runs; a bucket with --store does not need these guarantees";
-        Finding::fail("disk promises", broken.join("; "), to_do)
+        Finding::fail("disk promises", broken.join("; "), OTHER_DISK)
     })
 }
 

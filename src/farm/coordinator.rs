@@ -181,6 +181,11 @@ impl Coordinator<'_> {
                 continue;
             }
             self.tell(&queue, changes, decision == Decision::Finish);
+            if let (Err(error @ QueueError::Hopeless(_)), false) =
+                (queue, decision == Decision::Finish)
+            {
+                return Err(error.into());
+            }
             if decision != Decision::Finish && self.must_stop() {
                 return Ok(self.ended(true));
             }

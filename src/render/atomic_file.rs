@@ -3,6 +3,7 @@
 //! A reader sees a whole file or none. After a power cut this holds for [`write()`] and [`write_whole`]; after
 //! [`write_relaxed`], the file may be empty.
 
+use super::disk::sync_folder;
 use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{self, BufReader, BufWriter, IntoInnerError, Read, Seek, SeekFrom, Write};
@@ -262,9 +263,9 @@ fn persist(file: NamedTempFile, path: &Path, wait: Wait) -> io::Result<()> {
     if wait == Wait::Durable { sync_dir(folder_of(path)) } else { Ok(()) }
 }
 
-/// Makes a new name, a rename or a removal inside `folder` durable.
+/// Makes a new name, a rename or a removal inside `folder` durable, as far as its disk can ([`sync_folder`]).
 pub fn sync_dir(folder: &Path) -> io::Result<()> {
-    File::open(folder)?.sync_all()
+    sync_folder(folder).map(drop)
 }
 
 #[cfg(test)]

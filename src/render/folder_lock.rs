@@ -1,6 +1,7 @@
 //! Locks that exclude other processes from a folder.
 
 use super::atomic_file::sync_dir;
+use super::disk::{NO_LOCKS, OTHER_DISK, is_unimplemented};
 use std::fs::{File, TryLockError};
 use std::io;
 use std::os::unix::fs::MetadataExt;
@@ -26,6 +27,10 @@ impl FolderLock {
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => return Ok(None),
+                Err(TryLockError::Error(error)) if is_unimplemented(&error) => {
+                    let text = format!("{NO_LOCKS} ({error}): {OTHER_DISK}");
+                    return Err(io::Error::new(io::ErrorKind::Unsupported, text));
+                }
                 Err(TryLockError::Error(error)) => return Err(error),
             }
             let lock = Self { file, path: path.to_owned() };

@@ -12,6 +12,7 @@ pub mod atomic_file;
 mod bands;
 pub mod color;
 pub mod curve;
+pub mod disk;
 pub mod file_tree;
 pub mod folder_lock;
 pub mod formats;

@@ -15,6 +15,9 @@ pub enum RunError {
     /// A file cannot be read.
     #[error("cannot read {}: {source}; check the folder and its permissions", path.display())]
     Read { path: PathBuf, source: io::Error },
+    /// The disk lacks what a run needs.
+    #[error("{}: {source}", root.display())]
+    Disk { root: PathBuf, source: io::Error },
     /// `spec.json` is damaged or has no manifest, or a file is not text.
     #[error("{} is damaged: {reason}; plan the run again into a new folder", path.display())]
     Spec { path: PathBuf, reason: String },

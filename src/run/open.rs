@@ -147,6 +147,9 @@ pub(super) fn lock(root: &Path) -> Result<FolderLock, RunError> {
     let path = root.join(keys::LOCK);
     match FolderLock::try_new(&path) {
         Ok(lock) => lock.ok_or_else(|| RunError::Busy { root: root.to_owned() }),
+        Err(source) if source.kind() == io::ErrorKind::Unsupported => {
+            Err(RunError::Disk { root: root.to_owned(), source })
+        }
         Err(source) => Err(RunError::Read { path, source }),
     }
 }

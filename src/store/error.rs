@@ -72,10 +72,14 @@ pub(super) fn is_passing(error: &object_store::Error) -> bool {
             return false;
         }
     }
-    match status(&error.to_string()) {
+    let text = error.to_string();
+    if text.contains(OTHER_REGION) {
+        return false;
+    }
+    match status(&text) {
         Some(408 | 429) => true,
-        // 501: the server does not support the call; 507: the server is full.
-        Some(400..=499 | 501 | 507) => false,
+        // 301: the bucket is in another region; 501: the server does not support the call; 507: the server is full.
+        Some(300..=499 | 501 | 507) => false,
         _ => *store != "LocalFileSystem",
     }
 }
@@ -133,6 +137,9 @@ fn causes(error: &object_store::Error) -> impl Iterator<Item = &(dyn std::error:
     })
 }
 
+/// Text of a redirection without an address, S3's answer for a bucket of another region.
+const OTHER_REGION: &str = "incorrectly configured region";
+
 /// Text before an HTTP status in object_store's errors; the type of these errors is private.
 const STATUS: &str = "status code: ";
 
@@ -148,6 +155,9 @@ fn status(text: &str) -> Option<u16> {
 /// Describes an error on one line. A server's response is cut to code and message; the rest repeats the request.
 pub(super) fn describe(error: &object_store::Error) -> String {
     let text = error.to_string();
+    if text.contains(OTHER_REGION) {
+        return "the bucket is in another region: set AWS_REGION to the bucket's own".to_owned();
+    }
     let retries = text
         .split_once("after ")
         .and_then(|(_, rest)| rest.split_once(" retries"))

@@ -23,6 +23,7 @@ use object_store::path::Path as Key;
 use object_store::{ObjectStore, ObjectStoreExt, PutMode, PutPayload};
 use patience::{Tries, with_patience};
 use place::Place;
+use render::disk::{NO_LINKS, OTHER_DISK};
 use render::input_file::Call;
 use std::path::Path;
 use std::sync::{Arc, LazyLock};
@@ -124,15 +125,31 @@ impl Store {
         key.split('/').fold(self.prefix.clone(), Key::join)
     }
 
+    /// Makes a put durable on a disk that cannot sync folders.
+    fn sync(&self, key: &str) -> Result<(), StoreError> {
+        let Some(place) = &self.local else { return Ok(()) };
+        place.sync(key).map_err(|error| StoreError::Call {
+            what: "write",
+            key: key.to_owned(),
+            store: self.name.clone(),
+            reason: error.to_string(),
+            passing: false,
+        })
+    }
+
     fn failed(&self, what: &'static str, key: &str, error: &object_store::Error) -> StoreError {
         if let Err(gone) = self.check_place() {
             return gone;
+        }
+        let mut reason = describe(error);
+        if what == "write" && self.local.as_ref().is_some_and(|place| !place.has_links()) {
+            reason = format!("{NO_LINKS} ({reason}): {OTHER_DISK}");
         }
         StoreError::Call {
             what,
             key: key.to_owned(),
             store: self.name.clone(),
-            reason: describe(error),
+            reason,
             passing: is_passing(error),
         }
     }
@@ -178,6 +195,7 @@ impl Store {
                 Ok(_) => {
                     // The folder may have been moved during the put.
                     self.check_place()?;
+                    self.sync(key)?;
                     return Ok(Put::New);
                 }
                 // If only the answer was lost, the next put finds the same bytes under the key.
@@ -228,7 +246,7 @@ impl Store {
             self.check_place()?;
             let put = with_patience(self.patience, || self.objects.put(&path, payload.clone()));
             match RUNTIME.block_on(put) {
-                Ok(_) => return Ok(()),
+                Ok(_) => return self.sync(key),
                 // Another process removed the unfinished file of this put at the end of the run.
                 Err(error) if cleared_away < CLEARED_AWAY && is_cleared_away(&error) => {
                     cleared_away += 1;

@@ -4,6 +4,7 @@ use super::place::Place;
 use super::{Key, Store, StoreError};
 use object_store::local::LocalFileSystem;
 use render::atomic_file::{WriteError, create_dir};
+use render::disk::sync_folder;
 use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
@@ -65,14 +66,18 @@ impl Store {
             },
         })?;
         let root = path.canonicalize().map_err(|e| invalid(e.to_string()))?;
+        // The client fails on disks that do not sync folders; there, each file is synced after its put.
+        let syncs_folders = sync_folder(&root).map_err(|e| invalid(e.to_string()))?;
         let objects = LocalFileSystem::new_with_prefix(&root)
             .map_err(|e| invalid(e.to_string()))?
-            .with_fsync(true);
+            .with_fsync(syncs_folders);
         Ok(Self {
             objects: Arc::new(objects),
             prefix: Key::default(),
             name: address(),
-            local: Some(Arc::new(Place::open(path).map_err(|e| invalid(e.to_string()))?)),
+            local: Some(Arc::new(
+                Place::open(path, syncs_folders).map_err(|e| invalid(e.to_string()))?,
+            )),
             is_oddly_named: root.to_str().is_none(),
             patience,
         })

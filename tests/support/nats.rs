@@ -55,6 +55,16 @@ fn spawn(port: u16, store: &Path) -> Option<Daemon> {
     Some(server)
 }
 
+/// Starts a server with the settings of a file; returns it and its address.
+pub(crate) fn spawn_configured(file: &Path) -> Option<(Daemon, String)> {
+    let port = free_port();
+    let mut command = Command::new("nats-server");
+    command.args(["-a", "127.0.0.1", "-p", &port.to_string(), "-c"]);
+    let server = Daemon::start(command.arg(file))?;
+    wait_for("the start of the server", || listens(port));
+    Some((server, format!("nats://127.0.0.1:{port}")))
+}
+
 /// A nats-server with `workers/nats/server.conf` and keys for `localhost`.
 pub(crate) struct SecureNats {
     _server: Daemon,

@@ -97,13 +97,25 @@ pub(crate) fn make_keys(folder: &Path, names: &[&str]) -> Option<()> {
     Some(())
 }
 
+type Built = OnceLock<Option<(tempfile::TempDir, PathBuf)>>;
+
 /// Builds the library that, when preloaded, makes reads of files with "stuck" in their paths wait for ever. Returns `None` if it cannot be used here.
 pub(crate) fn stuck_reads() -> Option<&'static Path> {
-    static BUILT: OnceLock<Option<(tempfile::TempDir, PathBuf)>> = OnceLock::new();
-    let built = BUILT.get_or_init(|| {
+    static BUILT: Built = OnceLock::new();
+    library(&BUILT, "stuck_read.c")
+}
+
+/// Builds the library that, when preloaded, takes features from a disk: see its source.
+pub(crate) fn poor_disk() -> Option<&'static Path> {
+    static BUILT: Built = OnceLock::new();
+    library(&BUILT, "poor_disk.c")
+}
+
+fn library(built: &'static Built, source: &str) -> Option<&'static Path> {
+    let built = built.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
-        let library = folder.path().join("reads.so");
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/stuck_read.c");
+        let library = folder.path().join("preloaded.so");
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support").join(source);
         let built = Command::new("cc")
             .args(["-shared", "-fPIC", "-O1", "-o", text(&library), text(&source), "-ldl"])
             .status();
@@ -111,7 +123,7 @@ pub(crate) fn stuck_reads() -> Option<&'static Path> {
         is_built.then_some((folder, library))
     });
     if built.is_none() {
-        eprintln!("skipped: cc cannot build a library that makes reads wait");
+        eprintln!("skipped: cc cannot build the library of {source}");
     }
     built.as_ref().map(|(_, library)| library.as_path())
 }

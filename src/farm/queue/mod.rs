@@ -10,6 +10,8 @@ mod nats;
 #[cfg(feature = "nats")]
 mod nats_coordinator;
 #[cfg(feature = "nats")]
+mod nats_diagnosis;
+#[cfg(feature = "nats")]
 mod nats_probe;
 #[cfg(feature = "nats")]
 mod nats_worker;
@@ -51,8 +53,8 @@ pub enum Taken {
     Lease(Lease),
     Nothing,
     Ended,
-    /// No lease, because the queue cannot be reached. Later calls may succeed.
-    Lost(String),
+    /// No lease, because the queue cannot be reached or used.
+    Lost(QueueError),
     /// No lease: the queue delivered a message that names no task of this run. This call has removed it, and the
     /// coordinator publishes its scene again. Later calls may succeed.
     Removed(String),
@@ -81,9 +83,15 @@ impl Request {
 }
 
 /// A failed call to the queue. Leases stay valid until they expire, so no task is lost.
-#[derive(Debug, thiserror::Error)]
-#[error("the queue cannot be reached: {0}")]
-pub struct QueueError(pub String);
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum QueueError {
+    /// A later call may succeed.
+    #[error("the queue cannot be reached: {0}")]
+    Away(String),
+    /// No later call can succeed, unless someone changes the server or the command. The text has the remedy.
+    #[error("the queue cannot be used: {0}")]
+    Hopeless(String),
+}
 
 pub trait Queue: Send + Sync {
     /// Leases a task, and waits up to `wait` until one is available. A `wait` of zero returns at once.

@@ -6,6 +6,7 @@
 //! [`Message::hops`] one higher and acknowledges the old message. So a second delivery usually means a lost worker.
 
 use super::super::message::{write_message, write_subject};
+use super::nats_diagnosis::Diagnosis;
 use super::{Message, QueueError};
 use crate::store::RUNTIME;
 use async_nats::jetstream::{self, Context};
@@ -41,7 +42,7 @@ pub struct NatsOptions {
 }
 
 fn invalid(what: &str, e: &dyn std::fmt::Display) -> QueueError {
-    QueueError(format!("{what}: {e}"))
+    QueueError::Away(format!("{what}: {e}"))
 }
 
 impl NatsOptions {
@@ -72,6 +73,14 @@ impl NatsOptions {
     }
 }
 
+/// The last probe of an unreachable or unusable server.
+pub(super) struct Probed {
+    at: Instant,
+    found: Diagnosis,
+    /// True if the probe before found a hopeless cause, too.
+    was_hopeless: bool,
+}
+
 /// A connection that never stops trying to reconnect.
 pub(super) struct Connection {
     pub(super) client: Client,
@@ -82,8 +91,7 @@ pub(super) struct Connection {
     /// Text of the connection's last event; `None` before the first event, and if the last event was a connection.
     pub(super) complaint: Arc<Mutex<Option<String>>>,
     pub(super) options: NatsOptions,
-    /// Time and result of the last probe.
-    pub(super) probed: Mutex<Option<(Instant, Option<String>)>>,
+    pub(super) probed: Mutex<Option<Probed>>,
 }
 
 impl Connection {
@@ -127,38 +135,32 @@ impl Connection {
         })
     }
 
-    /// Replaces an error by its cause if the client is not connected. The reconnecting client reports only "IO error"
-    /// for a refused port, an unknown name and an untrusted certificate, so this function opens a second connection.
+    /// Replaces an error by its cause. The reconnecting client reports only "IO error" for a refused port, an unknown name and an
+    /// untrusted certificate, so this function opens a second connection. A cause that two probes find, [`PROBE_EVERY`] apart, and
+    /// that time cannot mend, ends the waiting: a server that starts may say such things for a moment.
     pub(super) fn explained(&self, error: QueueError) -> QueueError {
-        let connected = self.client.connection_state() == async_nats::connection::State::Connected;
-        if connected {
-            return error;
-        }
         let mut probed = self.probed.lock().expect("no holder of this lock panics");
-        let cause = match &*probed {
-            Some((at, cause)) if at.elapsed() < PROBE_EVERY => cause.clone(),
-            _ => {
-                let cause = self.probe();
-                *probed = Some((Instant::now(), cause.clone()));
-                cause
+        let is_due = probed.as_ref().is_none_or(|probed| probed.at.elapsed() >= PROBE_EVERY);
+        if is_due {
+            let found = self.diagnose();
+            let was_hopeless = probed
+                .as_ref()
+                .is_some_and(|before| matches!(before.found, Diagnosis::Hopeless(_)));
+            *probed = Some(Probed { at: Instant::now(), found, was_hopeless });
+        }
+        match probed.as_ref().map(|probed| (&probed.found, probed.was_hopeless)) {
+            Some((Diagnosis::Hopeless(cause), true)) => QueueError::Hopeless(cause.clone()),
+            Some((Diagnosis::Hopeless(cause) | Diagnosis::Away(cause), _)) => {
+                QueueError::Away(cause.clone())
             }
-        };
-        cause.map_or(error, QueueError)
-    }
-
-    fn probe(&self) -> Option<String> {
-        let (connect, servers) = (self.options.connect().ok()?, self.options.servers().ok()?);
-        match within(ANSWER, connect.connect(servers)) {
-            None => Some(format!("no answer from {}", shown(&self.options.url))),
-            Some(Ok(_)) => None,
-            Some(Err(error)) => Some(cause(&self.options.url, &error)),
+            Some((Diagnosis::Fine, _)) | None => error,
         }
     }
 
     /// Returns an error that includes the last event of the connection, unless that event was a connection.
     pub(super) fn lost(&self, error: &dyn std::fmt::Display) -> QueueError {
         let said = self.complaint.lock().expect("no holder of this lock panics");
-        QueueError(match &*said {
+        QueueError::Away(match &*said {
             Some(said) => format!("{error} ({said})"),
             None => error.to_string(),
         })

@@ -77,7 +77,7 @@ impl NatsCoordinator {
             && got.subjects == wanted.subjects;
         if !same {
             let name = &self.connection.stream;
-            return Err(QueueError(format!(
+            return Err(QueueError::Away(format!(
                 "the stream {name} does not have the requested settings; use nats-server 2.9.10 or newer, and remove a \
                  stream that another program created (`nats stream rm {name}`; the run loses nothing)"
             )));
@@ -96,7 +96,7 @@ impl NatsCoordinator {
         if got.ack_wait != self.lease || got.max_ack_pending != -1 {
             // A coordinator with another lease duration created the consumer. Redelivered tasks only cost time.
             self.call(stream.delete_consumer(CONSUMER))?;
-            return Err(QueueError(format!(
+            return Err(QueueError::Away(format!(
                 "the consumer {CONSUMER} had leases of {} s; it was removed and will be created with {} s",
                 got.ack_wait.as_secs_f64(),
                 self.lease.as_secs_f64()

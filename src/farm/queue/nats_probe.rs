@@ -34,14 +34,14 @@ pub fn probe_nats(options: &NatsOptions) -> Result<NatsFacts, QueueError> {
     let (connect, servers) = (options.connect()?, options.servers()?);
     let connect = connect.request_timeout(Some(ANSWER));
     let client = match within(ANSWER, connect.connect(servers)) {
-        None => return Err(QueueError(format!("no answer from {}", shown(&options.url)))),
-        Some(Err(error)) => return Err(QueueError(cause(&options.url, &error))),
+        None => return Err(QueueError::Away(format!("no answer from {}", shown(&options.url)))),
+        Some(Err(error)) => return Err(QueueError::Away(cause(&options.url, &error))),
         Some(Ok(client)) => client,
     };
     let start = Instant::now();
     let flushed = within(ANSWER, client.flush());
     if !matches!(flushed, Some(Ok(()))) {
-        return Err(QueueError(format!("no answer from {}", shown(&options.url))));
+        return Err(QueueError::Away(format!("no answer from {}", shown(&options.url))));
     }
     let answer = start.elapsed();
     let mut context = {

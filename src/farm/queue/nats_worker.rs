@@ -58,7 +58,7 @@ impl NatsWorker {
             .map_err(|e| connection.lost(&format!("the run's queue does not exist yet: {e}")))?;
         let lease = found.cached_info().config.ack_wait;
         if lease != self.lease {
-            return Err(QueueError(format!(
+            return Err(QueueError::Away(format!(
                 "the queue's leases last {} s and this worker's {} s: give coordinator and workers the same --lease-s",
                 lease.as_secs_f64(),
                 self.lease.as_secs_f64()
@@ -99,12 +99,12 @@ impl Queue for NatsWorker {
             Err(error) => {
                 *self.consumer.lock().expect("no holder of this lock panics") = None;
                 std::thread::sleep(AWAY);
-                return Taken::Lost(self.connection.explained(error).0);
+                return Taken::Lost(self.connection.explained(error));
             }
         };
         let (deliveries, id) = match delivered.info() {
             Ok(info) => (info.delivered, info.stream_sequence),
-            Err(error) => return Taken::Lost(error.to_string()),
+            Err(error) => return Taken::Lost(QueueError::Away(error.to_string())),
         };
         let connection = &self.connection;
         let subject = connection.local(&delivered.subject);

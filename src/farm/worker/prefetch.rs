@@ -5,7 +5,7 @@ use super::jobs::Loaded;
 use super::poison::Finding;
 use super::tasks::TaskId;
 use crate::farm::FarmError;
-use crate::farm::queue::{Lease, Taken};
+use crate::farm::queue::{Lease, QueueError, Taken};
 use crate::run::{Event, Stage, Stopwatch, keys};
 use crate::store::StoreError;
 use crossbeam::channel::Sender;
@@ -102,11 +102,16 @@ impl<'a> Prefetcher<'_, 'a> {
                         (worker.on_event)(Event::MessageRemoved { reason });
                     }
                 }
-                Taken::Lost(reason) => {
+                Taken::Lost(error) => {
                     self.appetite.set_hungry(false);
                     if self.is_run_over() {
                         return;
                     }
+                    if matches!(error, QueueError::Hopeless(_)) {
+                        worker.stop.break_down(error.into());
+                        return;
+                    }
+                    let reason = error.to_string();
                     if complained.is_none_or(|at| at.elapsed() > COMPLAIN) {
                         complained = Some(Instant::now());
                         (worker.on_event)(Event::QueueLost { reason });
