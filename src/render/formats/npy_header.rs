@@ -3,8 +3,8 @@
 //! <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>. The header is a Python dict literal with
 //! exactly the keys `descr`, `fortran_order` and `shape`, here in any order and spacing.
 //!
-//! The parser of `npyz` is not used: it allocates the length that a header states, and its grammar recurses, so that a
-//! header of brackets overflows the stack, which no caller can catch.
+//! The parser of `npyz` is not used: it allocates the length that a header states, and its grammar backtracks, so that a
+//! header of a hundred nested brackets takes minutes.
 
 use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};

@@ -69,3 +69,47 @@ pub(super) fn largest_code_text(what: &str, share: f64) -> String {
         100.0 * share
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::PhotographFiles;
+    use crate::formats::npy::tests::npy;
+    use crate::formats::raster::tests::png;
+    use crate::scene::decode_photograph;
+    use image::ExtendedColorType as Png;
+
+    /// Share of the largest code in a photograph of 50 x 20 px, the first rows of which have it.
+    fn share(keys: &str, mask: Option<&[u8]>) -> Option<f64> {
+        let camera = r#""intrinsics":{"fx":31.7,"fy":29.3,"cx":24.1,"cy":9.7}"#;
+        let line = format!(r#"{{"color":"c","depth":"d",{camera}{keys}}}"#);
+        let line: Photograph = serde_json::from_str(&line).unwrap();
+        let codes: Vec<u16> = (0..1000).map(|k| if k < 150 { 65535 } else { 2000 + k }).collect();
+        let words: Vec<u8> = codes.iter().flat_map(|code| code.to_le_bytes()).collect();
+        let files = PhotographFiles {
+            color: png(&[9; 1000], 50, 20, Png::L8),
+            depth: npy("<u2", false, "(20, 50)", &words),
+            mask: mask.map(|mask| png(mask, 50, 20, Png::L8)),
+        };
+        let sheet = decode_photograph(&line, &files).unwrap();
+        largest_code_share(&line.into(), &Placed::Sheet(sheet))
+    }
+
+    #[test]
+    fn pixels_with_the_largest_code_are_counted_after_the_mask() {
+        for keys in [
+            r#","depth_unit_m":0.001"#,
+            r#","depth_unit_m":0.001953125"#,
+            r#","depth_unit_m":0.0003,"depth_kind":"distance""#,
+        ] {
+            assert_eq!(share(keys, None), Some(0.15), "{keys}");
+            let half: Vec<u8> = (0..1000).map(|k| u8::from(k % 100 < 50)).collect();
+            assert_eq!(share(keys, Some(&half)), Some(0.1), "{keys}");
+            let none: Vec<u8> = (0..1000).map(|k| u8::from(k >= 150)).collect();
+            assert_eq!(share(keys, Some(&none)), None, "{keys}");
+            assert_eq!(share(&format!(r#"{keys},"depth_none_code":65535"#), None), None, "{keys}");
+        }
+        let relative = r#","depth_kind":"relative","depth_range":{"mean_m":3}"#;
+        assert_eq!(share(relative, None), None);
+    }
+}

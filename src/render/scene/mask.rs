@@ -107,6 +107,6 @@ mod tests {
         assert_eq!(valid(&png(&[0, 255, 1, 0], 2, 1, Png::La8)), [false, true]);
         assert_eq!(valid(&png(&[0, 0, 0, 9, 0, 0, 1, 0], 2, 1, Png::Rgba8)), [false, true]);
         let error = decode(&jpeg(&[0; 192], 8, 8)).unwrap_err().to_string();
-        assert!(error.contains("is JPEG; give a .npy, PNG or PNM mask"), "{error}");
+        assert!(error.contains("is JPEG; give a .npy, .npz, PNG or PNM mask"), "{error}");
     }
 }

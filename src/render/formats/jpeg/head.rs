@@ -18,12 +18,8 @@ pub(crate) struct Head {
     height: u16,
     /// Sampling factors of the components, horizontal and vertical.
     sampling: [[u8; 2]; 4],
-    /// Id of the first component.
-    first_id: u8,
-    /// Number of components of the first scan, and id of its first one.
-    first_scan: Option<(usize, u8)>,
-    /// True if the file has restart intervals, or quantisation tables behind the first scan.
-    has_restarts_or_late_tables: bool,
+    /// Number of components of the first scan, if it was found.
+    first_scan: Option<usize>,
 }
 
 /// How the pixels of a JPEG are decoded.
@@ -56,11 +52,10 @@ impl Head {
             at = after + 2 + data.len();
             match marker {
                 0xda => {
-                    found.scan(data, &bytes[at..]);
+                    found.first_scan = data.first().map(|count| usize::from(*count));
                     break;
                 }
                 0xe2 => found.has_icc |= data.starts_with(b"ICC_PROFILE\0"),
-                0xdd => found.has_restarts_or_late_tables |= data.iter().any(|byte| *byte != 0),
                 // C4 has Huffman tables, C8 is reserved, and CC has the conditions of arithmetic coding.
                 0xc0..=0xcf if !matches!(marker, 0xc4 | 0xc8 | 0xcc) => found.frame(marker, data),
                 _ => {}
@@ -74,28 +69,17 @@ impl Head {
         if let Some((&[precision, h1, h0, _, _, count], specs)) = data.split_first_chunk::<6>() {
             (self.precision, self.height) = (precision, u16::from_be_bytes([h1, h0]));
             self.components = count.into();
-            self.first_id = specs.first().copied().unwrap_or(0);
             for (factors, spec) in self.sampling.iter_mut().zip(specs.as_chunks::<3>().0) {
                 *factors = [spec[1] >> 4, spec[1] & 15];
             }
         }
     }
 
-    /// Notes the first scan. `rest` begins with its data, in which FF DB and FF DD cannot occur.
-    fn scan(&mut self, data: &[u8], rest: &[u8]) {
-        let &[count, id, ..] = data else { return };
-        self.first_scan = Some((count.into(), id));
-        if usize::from(count) < self.components {
-            let is_table = |pair: &[u8]| matches!(pair, [0xff, 0xdb | 0xdd]);
-            self.has_restarts_or_late_tables |= rest.windows(2).any(is_table);
-        }
-    }
-
     /// Returns how the pixels are decoded.
     ///
-    /// `zune-jpeg` 0.5, the decoder of `image`, misreads sequential frames in several scans unless they are as plain as
-    /// below, and frames whose first component is coarser than another, or that have three different factors; it refuses
-    /// factors of 3 (`matrix_tests.rs`).
+    /// `zune-jpeg` 0.5, the decoder of `image`, misreads most sequential frames in several scans, frames whose first
+    /// component is coarser than another, and some with three different factors; it refuses factors of 3
+    /// (`matrix_tests.rs`).
     pub(crate) fn kind(&self) -> Kind {
         match self.coding {
             0xc9 | 0xca => return Kind::Refused("a JPEG with arithmetic coding", HUFFMAN),
@@ -111,24 +95,24 @@ impl Head {
         }
         let factors = &self.sampling[..self.components.min(4)];
         let most = [0, 1].map(|axis| factors.iter().map(|f| f[axis]).max().unwrap_or(1));
-        let is_fraction = |f: &[u8; 2]| (0..2).any(|k| f[k] == 0 || !most[k].is_multiple_of(f[k]));
+        // Other factors are damage, which the check names.
+        if !factors.as_flattened().iter().all(|factor| (1..=4).contains(factor)) {
+            return Kind::Common;
+        }
+        let is_fraction = |f: &[u8; 2]| (0..2).any(|k| !most[k].is_multiple_of(f[k]));
         if factors.iter().any(is_fraction) {
             let what = "a JPEG whose sampling factors are no multiples of each other";
             return Kind::Refused(what, PNG);
         }
-        let (count, first_id) = self.first_scan.unwrap_or((self.components, self.first_id));
         let is_progressive = self.coding == 0xc2;
-        let is_split = !is_progressive && count < self.components;
-        let is_plain = factors.as_flattened().iter().all(|factor| *factor == 1)
-            && first_id == self.first_id
-            && !self.has_restarts_or_late_tables;
+        let is_split = !is_progressive && self.first_scan.is_some_and(|n| n < self.components);
         // `jpeg-decoder` 0.3 counts the blocks of scans of one component right for factors of 1 and of the largest.
         let is_between = factors.iter().any(|f| (0..2).any(|k| f[k] != 1 && f[k] != most[k]));
         let is_odd = factors.first().is_some_and(|first| *first != most)
             || factors.as_flattened().contains(&3)
             || is_between;
         let is_rare = self.components < 4 && !(is_between && (is_split || is_progressive));
-        match (is_split && !is_plain, is_odd) {
+        match (is_split, is_odd) {
             (false, false) => Kind::Common,
             _ if is_rare => Kind::Rare,
             (true, _) => {
