@@ -39,7 +39,7 @@ pub(super) fn layer_folder(name: &str) -> Option<Role> {
 }
 
 /// Strips the ending `.jpg`, `.jpeg`, `.jfif` or `.png` from a name; returns `None` for other endings.
-pub(super) fn picture_stem(name: &str) -> Option<&str> {
+pub fn picture_stem(name: &str) -> Option<&str> {
     let (stem, ending) = name.rsplit_once('.')?;
     let known = ["jpg", "jpeg", "jfif", "png"];
     known.iter().any(|k| ending.eq_ignore_ascii_case(k)).then_some(stem)

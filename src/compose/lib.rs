@@ -67,6 +67,7 @@ pub use factor::{Factor, own_best_factor};
 pub use fit::{Baselines, Rules, fit_baselines};
 pub use index::{IndexedPairs, read_index};
 pub use lanczos::{resize, shrink_to, shrunk_size_px};
+pub use layout::picture_stem;
 pub use markdown::markdown_table;
 pub use method::{GROUP_FACTOR, Given, Method, OWN_FACTOR, Unmade, row_names};
 pub use outputs::OutputFolder;

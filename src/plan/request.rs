@@ -57,6 +57,12 @@ pub enum DraftError {
         folder.display()
     )]
     NotText { path: PathBuf, root: String, folder: PathBuf },
+    #[error(
+        "--root {name}: nothing in {} has this name; it has {}",
+        path.display(),
+        if known.is_empty() { "no roots".to_owned() } else { known.join(", ") }
+    )]
+    UnknownRoot { path: PathBuf, name: String, known: Vec<String> },
     #[error("{} describes no scene: add scenes to it", path.display())]
     Empty { path: PathBuf },
     #[error(transparent)]

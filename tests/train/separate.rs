@@ -128,3 +128,29 @@ fn the_shipped_weights_need_no_network() {
     assert!(made.iter().zip(given.iter()).all(|(made, given)| made <= given));
     assert!(made != given);
 }
+
+/// A folder stands for its pictures, and results keep its sub-folders; those of an earlier call in it are no pictures.
+#[test]
+fn folders_of_pictures_are_separated() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path().join("photos");
+    std::fs::create_dir_all(folder.join("sub")).unwrap();
+    for name in ["a.jpg", "sub/a.PNG", "sub/b.jfif"] {
+        let ending =
+            if name.ends_with("PNG") { image::ImageFormat::Png } else { image::ImageFormat::Jpeg };
+        picture(48, 40).save_with_format(folder.join(name), ending).unwrap();
+    }
+    std::fs::write(folder.join("notes.txt"), "mine").unwrap();
+    let out = folder.join("clean");
+    for _ in 0..2 {
+        let json =
+            run(&["separate", text(&folder), "--out", text(&out), "--json"]).expect(0).json();
+        assert_eq!(json["images"].as_array().unwrap().len(), 3);
+        for name in ["a", "sub/a", "sub/b"] {
+            assert!(out.join(format!("{name}.transmission.png")).is_file(), "{name}");
+        }
+    }
+    let empty = place.path().join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    run(&["separate", text(&empty), "--out", text(&out)]).expect(4).says(&["holds no picture"]);
+}

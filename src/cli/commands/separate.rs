@@ -2,17 +2,18 @@
 
 use crate::cli::args::Global;
 use crate::cli::exit_code::{Exit, Failure, failure};
-use crate::cli::network::{Network, use_threads};
+use crate::cli::network::{Network, is_run, use_threads};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::cli::watchdog;
 use crate::outputs::Outputs;
 use clap::Args as ClapArgs;
-use compose::read_photo;
+use compose::{picture_stem, read_photo};
 use image::RgbImage;
 use plan::FeatureSource;
 use render::atomic_file;
+use render::file_tree::{FileId, Visits, file_tree};
 use render::formats::Photo;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -30,7 +31,7 @@ const TILE_PX: u32 = 768;
 
 #[derive(Debug, ClapArgs)]
 pub(super) struct SeparateArgs {
-    /// JPEG or PNG pictures
+    /// JPEG or PNG pictures, or folders of them, with their sub-folders
     #[arg(required = true)]
     images: Vec<PathBuf>,
     /// Folder to write NAME.transmission.png, NAME.glass_reflection.png and, with a BT-net, NAME.clean_reflection.png to
@@ -63,12 +64,13 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
     let network = open(args, output)?;
     network.check_tile_px(Some(args.tile_px))?;
     let layers = if network.separator.has_backtrack() { 3 } else { 2 };
-    let targets = targets(&args.images, &ENDINGS[..layers])?;
+    let given = pictures(args, output)?;
+    let targets = targets(&given, &ENDINGS[..layers])?;
     let outputs = Outputs {
         command: "separate",
         folder: &args.out,
         files: targets.iter().flatten().cloned().collect(),
-        inputs: args.images.clone(),
+        inputs: given.iter().map(|picture| picture.path.clone()).collect(),
     };
     outputs.check()?;
     let work = WorkSize {
@@ -77,11 +79,11 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
     };
     watchdog::end_promptly();
     let signals = Signals::catch();
-    let progress = Progress::new(global, "pictures", args.images.len() as u64);
+    let progress = Progress::new(global, "pictures", given.len() as u64);
     let clock = Instant::now();
     let (mut images, mut failed) = (Vec::new(), Vec::new());
     let mut stopped = false;
-    for (path, targets) in args.images.iter().zip(&targets) {
+    for (Given { path, .. }, targets) in given.iter().zip(&targets) {
         if signals.stop().load(Ordering::Relaxed) {
             stopped = true;
             break;
@@ -129,7 +131,7 @@ pub(super) fn run(args: &SeparateArgs, global: &Global, output: &Output) -> Resu
         images,
         failed,
         wall_s: clock.elapsed().as_secs_f64(),
-        given: args.images.len(),
+        given: given.len(),
         out: args.out.display(),
         by: match args.network {
             Some(_) => network.row_name(None),
@@ -183,13 +185,55 @@ impl fmt::Display for Separated<'_> {
     }
 }
 
+/// A picture on the command line or in a folder there.
+struct Given {
+    path: PathBuf,
+    /// Its path below that folder, or its name, whose ending the names of results replace.
+    name: PathBuf,
+}
+
+/// Lists the pictures on the command line and in its folders, without those of `--out`.
+fn pictures(args: &SeparateArgs, output: &Output) -> Result<Vec<Given>, Failure> {
+    let out = FileId::of(&args.out).ok();
+    let mut given = Vec::new();
+    for typed in &args.images {
+        if !typed.is_dir() {
+            let name = typed.file_name().map_or_else(PathBuf::new, PathBuf::from);
+            given.push(Given { path: typed.clone(), name });
+            continue;
+        }
+        let is_out = |id: FileId| Some(&id) == out.as_ref();
+        let enters = |below: &str| !FileId::of(&typed.join(below)).is_ok_and(is_out);
+        let tree = file_tree(typed, Visits::Once, &enters)
+            .map_err(|e| failure!(Exit::InvalidInput, "{e}; check the path"))?;
+        for note in tree.notes() {
+            output.note(&note);
+        }
+        let of_folder: Vec<Given> = tree
+            .files
+            .iter()
+            .filter(|name| picture_stem(name).is_some())
+            .map(|name| Given { path: typed.join(name), name: PathBuf::from(name) })
+            .collect();
+        if of_folder.is_empty() {
+            return Err(failure!(
+                Exit::InvalidInput,
+                "{} holds no picture (.jpg, .jpeg, .jfif, .png)",
+                typed.display()
+            ));
+        }
+        given.extend(of_folder);
+    }
+    Ok(given)
+}
+
 /// Opens the networks. Refuses the form of the first version, with a run before the pictures.
 fn open(args: &SeparateArgs, output: &Output) -> Result<Network, Failure> {
-    if let Some(folder) = args.images.iter().find(|path| path.is_dir()) {
-        let folder = folder.display();
+    if let Some(run) = args.images.iter().find(|path| is_run(path)) {
+        let run = run.display();
         return Err(failure!(
             Exit::Usage,
-            "{folder} is a folder, not a picture; to use its networks, give --network {folder} (--network RUN)"
+            "{run} is a run, not a picture; to use its networks, give --network {run} (--network RUN)"
         ));
     }
     match &args.network {
@@ -198,18 +242,18 @@ fn open(args: &SeparateArgs, output: &Output) -> Result<Network, Failure> {
     }
 }
 
-/// Returns the names of the files to write for each image. Fails if two of them are equal.
-fn targets(images: &[PathBuf], endings: &[&str]) -> Result<Vec<Vec<PathBuf>>, Failure> {
+/// Returns the names of the files to write for each picture. Fails if two of them are equal.
+fn targets(given: &[Given], endings: &[&str]) -> Result<Vec<Vec<PathBuf>>, Failure> {
     let mut by_target: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     let mut targets = Vec::new();
-    for image in images {
-        let Some(stem) = image.file_stem() else {
+    for Given { path: image, name } in given {
+        let Some(stem) = name.file_stem() else {
             return Err(failure!(Exit::Usage, "{} is not an image file", image.display()));
         };
         let name = |ending: &&str| {
-            let mut name = stem.to_owned();
-            name.push(format!(".{ending}.png"));
-            PathBuf::from(name)
+            let mut file = stem.to_owned();
+            file.push(format!(".{ending}.png"));
+            name.with_file_name(file)
         };
         let of_image: Vec<PathBuf> = endings.iter().map(name).collect();
         for target in &of_image {
@@ -257,6 +301,9 @@ fn separate(
     let others = others.iter().flatten().map(|picture| photo.png_of_other(picture.as_raw()));
     for (png, target) in std::iter::once(transmission).chain(others).zip(targets) {
         let png = png.map_err(|e| failed(e.into()))?;
+        if let Some(folder) = target.parent() {
+            atomic_file::create_dir(folder)?;
+        }
         watchdog::undisturbed(|| atomic_file::write(target, &png))?;
     }
     Ok(())
