@@ -16,7 +16,15 @@ pub enum DepthError {
     Network(#[from] candle_core::Error),
     #[error("the network's depth is not finite: the weights are unusable")]
     NotFinite,
+    #[error(
+        "it has {width} x {height} px, but pictures more than {MAX_ASPECT} times as long as wide need too much memory: crop it, or leave it out"
+    )]
+    Thin { width: usize, height: usize },
 }
+
+/// Largest ratio of a picture's sides. The network scales the shorter side to 518 px, and its time grows with the square of the
+/// longer one: at this ratio, the tokens' attention costs 64 times that of a square picture.
+const MAX_ASPECT: usize = 8;
 
 /// Depth of a picture, of its size.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,6 +72,9 @@ impl DepthNet {
     /// Estimates the depth of a picture of sRGB codes.
     pub fn estimate(&self, picture: RgbImage) -> Result<DepthMap, DepthError> {
         let (width, height) = (picture.width() as usize, picture.height() as usize);
+        if width.max(height) > MAX_ASPECT * width.min(height) {
+            return Err(DepthError::Thin { width, height });
+        }
         let small = self.forward(&planes(picture)?)?;
         let whole =
             bilinear_at(&small.unsqueeze(0)?.unsqueeze(0)?, height, width, Sampling::Aligned)?;

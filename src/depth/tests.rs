@@ -216,6 +216,18 @@ fn wrong_weights_are_refused_by_name() {
         all.insert("head.conv2.bias".to_owned(), wrong);
     });
     assert!(shape.contains("head.conv2.bias with the shape [1, 8] instead of [8]"), "{shape}");
+    for (value, words) in [(f32::NAN, "NaN"), (f32::NEG_INFINITY, "-inf"), (1e30, "1e30")] {
+        let mut changed = tensors(&config);
+        let mut values = weight("head.conv2.bias", &[8]);
+        values[3] = value;
+        let tensor = Tensor::from_vec(values, 8, &Device::Cpu).unwrap();
+        changed.insert("head.conv2.bias".to_owned(), tensor);
+        let path = Path::new("w.pth");
+        let error = Weights::checked(changed, &config, path, "tiny", String::new()).unwrap_err();
+        let error = error.to_string();
+        let start = format!("w.pth has the value {words} in the tensor head.conv2.bias");
+        assert!(error.starts_with(&start), "{error}");
+    }
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("w.safetensors");
     render::atomic_file::write(&file, b"nothing").unwrap();
@@ -223,4 +235,16 @@ fn wrong_weights_are_refused_by_name() {
     assert!(error.contains("holds no weights that can be read"), "{error}");
     let error = Weights::read(&folder.path().join("gone.pth"), None).unwrap_err().to_string();
     assert!(error.contains("cannot read"), "{error}");
+}
+
+#[test]
+fn thin_pictures_are_refused_before_they_need_memory() {
+    let config = tiny();
+    let net = DepthNet::new(&weights(&config), &config, None).unwrap();
+    for (width, height) in [(2000, 1), (1, 2000), (81, 10), (10, 81)] {
+        let error = net.estimate(image::RgbImage::new(width, height)).unwrap_err().to_string();
+        let start = format!("it has {width} x {height} px");
+        assert!(error.starts_with(&start) && error.contains("8 times as long"), "{error}");
+    }
+    assert_eq!(net.estimate(image::RgbImage::new(10, 30)).unwrap().values.len(), 300);
 }

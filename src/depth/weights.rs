@@ -16,7 +16,13 @@ pub enum WeightError {
     Missing { path: PathBuf, name: String, model: String },
     #[error("{} has the tensor {name} with the shape {found:?} instead of {expected:?}: it is not a Depth Anything V2 of size {model}", path.display())]
     Shape { path: PathBuf, name: String, found: Vec<usize>, expected: Vec<usize>, model: String },
+    #[error("{} has the value {value:e} in the tensor {name}, which no trained network has: download the weights again", path.display())]
+    Value { path: PathBuf, name: String, value: f32 },
 }
+
+/// Bound of weights, far above those of trained networks: values that are not finite, or that make depths without meaning, are
+/// beyond it.
+const MAX_WEIGHT: f32 = 1e9;
 
 /// Checked tensors of a network, with the names of `transformers`.
 #[derive(Clone, Debug)]
@@ -67,7 +73,13 @@ impl Weights {
                 path: path.to_owned(),
                 reason: e.to_string(),
             };
-            kept.insert(name, tensor.to_dtype(DType::F32).map_err(file)?);
+            let tensor = tensor.to_dtype(DType::F32).map_err(file)?;
+            let values = tensor.flatten_all().and_then(|t| t.to_vec1::<f32>()).map_err(file)?;
+            let is_usable = |value: &f32| value.abs() <= MAX_WEIGHT;
+            if let Some(&value) = values.iter().find(|value| !is_usable(value)) {
+                return Err(WeightError::Value { path: path.to_owned(), name, value });
+            }
+            kept.insert(name, tensor);
         }
         Ok(Self { tensors: kept, blake3 })
     }
