@@ -95,7 +95,8 @@ fn named_depth(headers: &[Header]) -> Option<(Channels, [usize; 2])> {
     let layer = |name: &str| name.rsplit_once('.').map(|(layer, _)| layer.to_owned());
     let is_depth = |name: &str| {
         let lower = name.to_lowercase();
-        let is_axis = lower == "z" || lower.ends_with(".z") || lower.ends_with(".t");
+        let axis = lower.rsplit_once('.').map(|(_, axis)| axis);
+        let is_axis = lower == "z" || matches!(axis, Some("z" | "t"));
         lower.contains("depth") || lower.contains("distance") || is_axis
     };
     let mut found = all.iter().filter(|(_, name)| {

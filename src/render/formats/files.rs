@@ -72,10 +72,11 @@ impl NamedBytes {
             [b'P', b'f' | b'F', b' ' | b'\t' | b'\r' | b'\n', ..] => Ok(FileFormat::Pfm),
             [b'#', b'?', ..] => Ok(FileFormat::Hdr),
             [0x76, 0x2f, 0x31, 0x01, ..] => Ok(FileFormat::Exr),
-            [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Ok(FileFormat::Npy),
-            [b'p', b'l', b'y', b'\r' | b'\n', ..] => Ok(FileFormat::Ply),
             // A .npz file is a ZIP archive of .npy files.
-            [b'P', b'K', 3, 4, ..] => Ok(FileFormat::Npy),
+            [0x93, b'N', b'U', b'M', b'P', b'Y', ..] | [b'P', b'K', 3, 4, ..] => {
+                Ok(FileFormat::Npy)
+            }
+            [b'p', b'l', b'y', b'\r' | b'\n', ..] => Ok(FileFormat::Ply),
             [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => Ok(FileFormat::Tiff),
             other => {
                 let found = name_with_conversion(other).unwrap_or_else(|| {

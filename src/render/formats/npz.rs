@@ -12,6 +12,9 @@ use zip::ZipArchive;
 const HEADER_BYTES: u64 = 1 << 16;
 /// Largest size of a pixel: four channels of eight bytes.
 const PIXEL_BYTES: usize = 32;
+/// What an archive of several arrays lacks.
+const ONE: &str =
+    "a .npz of one array: `numpy.save(\"OUT.npy\", numpy.load(\"IN.npz\")[\"NAME\"])`";
 /// Number of names in an error.
 const SHOWN: usize = 8;
 
@@ -32,8 +35,11 @@ fn unpacked(file: &NamedBytes) -> Result<Vec<u8>, SceneError> {
     let mut archive = ZipArchive::new(Cursor::new(file.bytes.as_slice())).map_err(failed)?;
     let mut arrays = Vec::new();
     for name in archive.file_names() {
-        arrays
-            .extend(Some(name.map_err(failed)?.into_owned()).filter(|name| name.ends_with(".npy")));
+        let name = name.map_err(failed)?.into_owned();
+        // NumPy writes the ending in lower case.
+        if name.strip_suffix(".npy").is_some() {
+            arrays.push(name);
+        }
     }
     let [name] = arrays.as_slice() else {
         let shown: Vec<&str> = arrays.iter().take(SHOWN).map(String::as_str).collect();
@@ -41,8 +47,6 @@ fn unpacked(file: &NamedBytes) -> Result<Vec<u8>, SceneError> {
             0 => "a ZIP archive without arrays".to_owned(),
             count => format!("{count} arrays ({})", shown.join(", ")),
         };
-        const ONE: &str =
-            "a .npz of one array: `numpy.save(\"OUT.npy\", numpy.load(\"IN.npz\")[\"NAME\"])`";
         return Err(file.wrong_layout(found, ONE));
     };
     let mut entry = archive.by_name(name).map_err(failed)?;

@@ -1,5 +1,11 @@
 //! Compares decoded pictures with `djpeg`: sampling x scans x restarts x sizes. The files are made by `cjpeg`.
 
+#![allow(clippy::print_stdout, reason = "prints counts and skipped tests")]
+#![allow(
+    clippy::disallowed_methods,
+    reason = "writes inputs of other programs into a temporary folder"
+)]
+
 use super::*;
 use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::raster::{self, Samples};
