@@ -87,7 +87,9 @@ pub(super) fn number_shared<'f>(
     let paths: Vec<PathBuf> = images.iter().map(|(_, path, _)| path.clone()).collect();
     let Photographs { of, .. } = Photographs::of(&paths);
     let mut count = vec![0; images.len()];
-    of.iter().for_each(|&k| count[k] += 1);
+    for &k in &of {
+        count[k] += 1;
+    }
     for ((.., image), first) in images.into_iter().zip(of) {
         image.shared = (count[first] > 1).then_some(first);
     }
@@ -126,7 +128,9 @@ impl Photographs {
             let is_own = |k: usize| paths[k].canonicalize().is_ok_and(|real| real == paths[k]);
             let rank = |k: &&usize| (group.len() > 1 && !is_own(**k), depth(**k), **k);
             let chosen = *group.iter().min_by_key(rank).unwrap_or(&group[0]);
-            group.iter().for_each(|&k| of[k] = chosen);
+            for &k in &group {
+                of[k] = chosen;
+            }
             files.push(chosen);
         }
         files.sort_by_key(|&k| (depth(k), k));
@@ -135,7 +139,9 @@ impl Photographs {
             first_of.extend(group[1..].iter().map(|&k| (k, group[0])));
         }
         let has_equal_bytes = of.iter().map(|k| first_of.contains_key(k)).collect();
-        of.iter_mut().for_each(|k| *k = *first_of.get(k).unwrap_or(k));
+        for k in &mut of {
+            *k = *first_of.get(k).unwrap_or(k);
+        }
         Self { of, has_equal_bytes }
     }
 }

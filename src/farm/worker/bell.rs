@@ -51,7 +51,7 @@ mod tests {
     use super::*;
     use std::time::Instant;
 
-    const LONG: Duration = Duration::from_secs(60);
+    const LONG: Duration = Duration::from_mins(1);
 
     #[test]
     fn work_that_was_added_while_a_thread_looked_keeps_it_awake() {
