@@ -20,6 +20,8 @@ pub use {compose, examples, plan, procedural, render};
 #[cfg(feature = "train")]
 pub use {depth, train};
 
+mod text;
+
 // Planning and running.
 pub mod store;
 
@@ -41,8 +43,6 @@ pub mod develop;
 pub mod estimate;
 
 // Reports, checks and benchmarks.
-mod text;
-
 mod plot;
 
 mod pipe;

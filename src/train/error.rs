@@ -1,7 +1,7 @@
 //! Errors of training.
 
 use super::checkpoint::CheckpointError;
-use super::trained_on::first_names;
+use super::names::first_names;
 use super::vgg_file::FeaturesError;
 use examples::{ExampleError, TupleFilesError};
 use plan::SettingError;

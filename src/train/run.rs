@@ -157,10 +157,7 @@ pub fn run(
     let pairs = training.pairs.clone().unwrap_or_default();
     let origin = beginning.origin(&lines, &pairs, features.blake3, watcher)?;
     if settings.examples.needs_tuples() {
-        warn_of_missing(&lines, &*training.tuples, settings.follow, watcher)?;
-        let takes_steps = beginning.step() < training.steps;
-        let calls = (beginning.step() > 0, takes_steps && !training.dry_run);
-        check_and_note(&folder, &lines, &*training.tuples, calls)?;
+        check_tuples(&lines, &training, settings.follow, beginning.step(), watcher)?;
     }
     let learner = beginning.learner(stage, &settings, features.vgg)?;
     let mut summary = TrainSummary {
@@ -257,6 +254,21 @@ fn load_features(
 pub(super) fn of_split(scenes: &[SceneLine], split: Split) -> Vec<SceneLine> {
     let lines = scenes.iter().filter(|line| line.split == split);
     lines.cloned().collect()
+}
+
+/// Warns of train scenes without a tuple, and fails if others changed since the training's earlier calls, which took `step` steps.
+fn check_tuples(
+    lines: &[SceneLine],
+    training: &Training,
+    follow: bool,
+    step: u64,
+    watcher: &mut dyn Watcher,
+) -> Result<(), TrainError> {
+    warn_of_missing(lines, &*training.tuples, follow, watcher)?;
+    let folder = stage_folder(&training.folder(), training.stage);
+    // A dry run, and a call that takes no step, write nothing.
+    let writes = !training.dry_run && step < training.steps;
+    check_and_note(&folder, lines, &*training.tuples, (step > 0, writes))
 }
 
 /// Warns of train scenes without a tuple.

@@ -14,8 +14,6 @@ use std::path::{Path, PathBuf};
 const TRAINED_ON: &str = "tuples.json";
 /// Schema of [`TRAINED_ON`].
 const TRAINED_ON_SCHEMA: &str = "glasshouse.trained_on/1";
-/// Number of names in a message.
-const SHOWN: usize = 3;
 
 /// Content of [`TRAINED_ON`].
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -53,8 +51,8 @@ impl TrainedOn {
     }
 }
 
-/// Compares the tuples of train scenes with those of the training's earlier calls, and adds new ones to the list. A dry run and a call
-/// that takes no step write nothing.
+/// Compares the tuples of train scenes with those of a training's earlier calls, if these took steps, and adds new ones to the list if
+/// it `writes`.
 pub(super) fn check_and_note(
     stage_folder: &Path,
     lines: &[SceneLine],
@@ -92,13 +90,4 @@ fn digests(scenes: &[&SceneId], files: &dyn TupleFiles) -> Result<Vec<Option<Str
         Ok(record.map(|bytes| blake3::hash(&bytes).to_hex().to_string()))
     };
     scenes.par_iter().map(digest).collect()
-}
-
-/// Lists the first three names, and the number of the others.
-pub fn first_names<T: AsRef<str>>(names: &[T]) -> String {
-    let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
-    match names.len().saturating_sub(SHOWN) {
-        0 => shown.join(", "),
-        more => format!("{} and {more} more", shown.join(", ")),
-    }
 }
