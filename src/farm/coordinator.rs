@@ -181,6 +181,7 @@ impl Coordinator<'_> {
                 continue;
             }
             self.tell(&queue, changes, decision == Decision::Finish);
+            let is_lost = queue.is_err();
             if let (Err(error @ QueueError::Hopeless(_)), false) =
                 (queue, decision == Decision::Finish)
             {
@@ -203,7 +204,9 @@ impl Coordinator<'_> {
             }
             // The shorter of the last two rounds counts, so that one slow response of a server causes no long pause.
             let took = start.elapsed();
-            self.pause(self.options.every.max(took.min(took_before) * PAUSE_ROUNDS));
+            // Calls to a server that is away end late, and it may be back soon.
+            let slow = if is_lost { Duration::ZERO } else { took.min(took_before) * PAUSE_ROUNDS };
+            self.pause(self.options.every.max(slow));
             took_before = took;
         }
         while let Err(error) = self.finish() {

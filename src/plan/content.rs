@@ -14,7 +14,7 @@ use super::procedural_inputs::{
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use super::request::{DraftError, Progress, Request};
-use super::rooting::{is_of_plan, root_paths};
+use super::rooting::root_paths;
 use super::source::{Layout, Source};
 use render::line::{Roots, SceneLine, is_url, parse_jsonl};
 use std::collections::{BTreeMap, BTreeSet};
@@ -301,7 +301,7 @@ pub(super) fn from_recipe(
 
 /// Refuses a root on the command line that nothing uses: its name is probably mistyped.
 fn check_roots(path: &Path, request: &Request, known: BTreeSet<String>) -> Result<(), DraftError> {
-    match request.roots.iter().find(|(name, _)| !known.contains(*name) && !is_of_plan(name)) {
+    match request.roots.iter().find(|(name, _)| !known.contains(*name)) {
         None => Ok(()),
         Some((name, _)) => Err(DraftError::UnknownRoot {
             path: path.to_owned(),
@@ -321,11 +321,6 @@ pub(super) fn from_manifest(
         source: Box::new(source),
     })?;
     let base = parent(path);
-    if !request.is_planned {
-        let paths = lines.iter().flat_map(SceneLine::paths);
-        let known = paths.filter_map(|(_, text)| Some(text.split_once(':')?.0.to_owned()));
-        check_roots(path, request, known.collect())?;
-    }
     let mut roots: BTreeMap<String, PathBuf> =
         request.roots.iter().map(|(name, folder)| (name.to_owned(), absolute(folder))).collect();
     root_paths(&mut lines, base, &mut roots, request.keeps_absolute);

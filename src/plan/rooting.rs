@@ -9,11 +9,6 @@ const MANIFEST_ROOT: &str = "manifest";
 /// Names of the roots for the folders of other paths, before their number.
 const FOLDER_ROOT: &str = "folder-";
 
-/// True for the name of a root that planning makes for plain paths.
-pub(super) fn is_of_plan(name: &str) -> bool {
-    name == MANIFEST_ROOT || name.starts_with(FOLDER_ROOT)
-}
-
 /// Replaces the plain paths of the lines by paths below roots, and adds these roots. Paths below `base`, the manifest's
 /// folder, get the root `manifest`. Each other folder with files gets a root `folder-1`, `folder-2`, ... in the order of
 /// the lines. With `keeps_absolute`, these other paths become absolute instead, as in plans of older versions.

@@ -157,7 +157,10 @@ fn damaged_files_are_listed_in_one_table_and_nothing_is_written() {
 
     // The photographs stay out even after the repair of one file.
     let color = place.file(&bad[0].0);
-    std::fs::copy(place.file(left_out[1].as_str().unwrap()), color).unwrap();
+    // With other bytes than any other photograph: equal ones would count as one.
+    let mut picture = image::open(place.file(left_out[1].as_str().unwrap())).unwrap().to_rgb8();
+    image::imageops::invert(&mut picture);
+    picture.save(color).unwrap();
     for more in [&[][..], &["--skip-invalid"]] {
         let again = place.plan("without", more).expect(0).json();
         assert_eq!((&again["existed"], &again["left_out"]), (&json!(true), &planned["left_out"]));
@@ -254,7 +257,10 @@ fn the_recipe_of_the_paper_is_planned_over_folders_with_the_real_layout() {
     let sample = |layout: &str, count: &str| {
         let dir = folder.path().join(layout);
         let arguments = ["sample", text(&dir), "--layout", layout, "--count", count];
-        let made = run(&[&arguments[..], &["--width", "16", "--height", "12", "--json"]].concat());
+        // The pictures of PLACES365 are squares.
+        let height = if layout == "places" { "16" } else { "12" };
+        let made =
+            run(&[&arguments[..], &["--width", "16", "--height", height, "--json"]].concat());
         let roots = made.expect(0).json()["roots"].clone();
         let roots = roots.as_object().unwrap().iter();
         roots

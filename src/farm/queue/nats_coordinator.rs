@@ -1,7 +1,7 @@
 //! The coordinator's side of the queue on NATS JetStream.
 
 use super::super::message::{read_message, read_subject};
-use super::nats::{CONSUMER, Connection, IN_FLIGHT, NatsOptions};
+use super::nats::{ANSWER, CONSUMER, Connection, IN_FLIGHT, NatsOptions, within};
 use super::{Listed, Message, QueueError, QueueKeeper, QueueState};
 use crate::store::RUNTIME;
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
@@ -13,6 +13,9 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::sync::Mutex;
 use std::time::Duration;
+
+/// Longest time of a call, which may consist of several requests.
+const LONGEST_CALL: Duration = Duration::from_secs(4 * ANSWER.as_secs());
 
 pub struct NatsCoordinator {
     connection: Connection,
@@ -55,7 +58,11 @@ impl NatsCoordinator {
         &self,
         call: impl Future<Output = Result<T, E>>,
     ) -> Result<T, QueueError> {
-        RUNTIME.block_on(call).map_err(|e| self.connection.lost(&e))
+        // A call of a client that has never been connected may wait for ever.
+        match within(LONGEST_CALL, call) {
+            Some(result) => result.map_err(|e| self.connection.lost(&e)),
+            None => Err(self.connection.lost(&"no answer")),
+        }
     }
 
     fn stream(&self) -> Result<Stream, QueueError> {

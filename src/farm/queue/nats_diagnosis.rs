@@ -49,7 +49,13 @@ impl Connection {
                 GetStreamErrorKind::JetStream(error) if error.code() == 503 => {
                     without_jetstream(&server)
                 }
-                _ if error.to_string().contains("no responders") => without_jetstream(&server),
+                // Nobody listens to the subjects of JetStream.
+                _ if ["no responders", "jetstream unavailable"]
+                    .iter()
+                    .any(|text| cause(&server, &error).contains(text)) =>
+                {
+                    without_jetstream(&server)
+                }
                 _ => Diagnosis::Fine,
             },
             Some(Ok(_)) | None => Diagnosis::Fine,
