@@ -49,7 +49,7 @@ impl Connection {
                 GetStreamErrorKind::JetStream(error) if error.code() == 503 => {
                     without_jetstream(&server)
                 }
-                // Nobody listens to the subjects of JetStream.
+                // No server listens to the subjects of JetStream.
                 _ if ["no responders", "jetstream unavailable"]
                     .iter()
                     .any(|text| cause(&server, &error).contains(text)) =>
