@@ -65,7 +65,7 @@ pub fn fit_baselines(
             }
             Err(Unread::Missing(_)) => {}
             Err(Unread::Unreadable(reason)) => {
-                left_out.push(unused(subject, index, &reason, false))
+                left_out.push(unused(subject, index, &reason, false));
             }
             Err(Unread::Damaged(reason)) => left_out.push(unused(subject, index, &reason, true)),
             Err(Unread::Fatal(error)) => return Err(EvaluateError::Subject(error)),

@@ -241,7 +241,7 @@ mod tests {
         file_tree(root, Visits::Once, &|_| true).unwrap()
     }
 
-    fn names<'a>(pairs: &'a [(String, String)]) -> Vec<(&'a str, &'a str)> {
+    fn names(pairs: &[(String, String)]) -> Vec<(&str, &str)> {
         pairs.iter().map(|(name, other)| (name.as_str(), other.as_str())).collect()
     }
 
