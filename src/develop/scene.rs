@@ -70,9 +70,9 @@ pub(super) fn photograph(
         return Err(DevelopError::Link { path: folder });
     }
     let differences = match recorded(&folder, line, sensor)? {
-        None => vec![],
-        Some(None) => vec![Difference::File(format!("{}/{PHOTOGRAPH_RECORD}", line.id))],
-        Some(Some(made)) => {
+        Recorded::Nothing => vec![],
+        Recorded::Unusable => vec![Difference::File(format!("{}/{PHOTOGRAPH_RECORD}", line.id))],
+        Recorded::Made(made) => {
             let found = digests.differences(&made, tuples, &Files::results(out))?;
             if found.is_empty() {
                 return Ok(Photographed::Found);
@@ -139,24 +139,27 @@ pub(super) fn photograph(
     Ok(Photographed::Now(differences))
 }
 
-/// Returns the digests of an earlier call's photographs by this sensor: none if there is no record, and none inside if it is damaged
-/// or that of another scene or sensor.
-fn recorded(
-    folder: &Path,
-    line: &SceneLine,
-    sensor: &Sensor,
-) -> Result<Option<Option<Made>>, DevelopError> {
+/// The record of an earlier call.
+enum Recorded {
+    Nothing,
+    /// It is damaged, or that of another scene or sensor.
+    Unusable,
+    /// Digests of the photographs.
+    Made(Made),
+}
+
+/// Reads the record of an earlier call's photographs by this sensor.
+fn recorded(folder: &Path, line: &SceneLine, sensor: &Sensor) -> Result<Recorded, DevelopError> {
     let path = folder.join(PHOTOGRAPH_RECORD);
     let json = render::input_file::read_if_there(&path)
         .map_err(|source| DevelopError::Read { path, source })?;
-    let Some(json) = json else { return Ok(None) };
+    let Some(json) = json else { return Ok(Recorded::Nothing) };
     let record = serde_json::from_slice::<PhotographsRecord>(&json).ok();
     let record = record.filter(|record| record.scene == line.id && record.sensor == *sensor);
-    Ok(Some(record.map(|record| {
-        let files = record.files.into_iter();
-        Made {
-            of: [(keys::tuple(&line.id, "tuple.exr"), record.tuple_blake3)].into(),
-            files: files.map(|(name, digest)| (format!("{}/{name}", line.id), digest)).collect(),
-        }
-    })))
+    let Some(record) = record else { return Ok(Recorded::Unusable) };
+    let files = record.files.into_iter();
+    Ok(Recorded::Made(Made {
+        of: [(keys::tuple(&line.id, "tuple.exr"), record.tuple_blake3)].into(),
+        files: files.map(|(name, digest)| (format!("{}/{name}", line.id), digest)).collect(),
+    }))
 }

@@ -7,10 +7,9 @@ use super::digest::{Digesting, FileRecord};
 use super::error::ExportError;
 use super::folder::{CARD_FILE, CROISSANT_FILE, ExportFolder, SUMS_FILE};
 use super::metadata::listing_file;
-use super::part::PartRecord;
+use super::part::{PartRecord, record_name};
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, REQUEST_FILE};
-use crate::made::Made;
 use crate::run::Run;
 use render::atomic_file::{self, PendingFile, WriteError};
 use render::line::Split;
@@ -89,15 +88,11 @@ pub(super) fn finish(
     for file in &named {
         put(file)?;
     }
-    let mut made = Made::default();
-    made.files.extend(named.into_iter().map(|file| (file.path, file.blake3)));
     for &split in &plan.request.splits {
         each_part(folder, split, |part| part.files.iter().try_for_each(&mut put))?;
     }
-    let sums = sums.finish()?;
-    made.files.insert(sums.path, sums.blake3);
-    let json = serde_json::to_vec(&made).expect("texts are JSON");
-    atomic_file::write(&folder.path(FINISH_RECORD), &json)?;
+    named.push(sums.finish()?);
+    PartRecord::of_files(named).write(folder, FINISH_RECORD)?;
     Ok(total)
 }
 
@@ -107,7 +102,7 @@ fn each_part(
     mut take: impl FnMut(PartRecord) -> Result<(), ExportError>,
 ) -> Result<(), ExportError> {
     let mut number = 0;
-    while let Some(part) = PartRecord::read(folder.root(), split, number)? {
+    while let Some(part) = PartRecord::read(folder.root(), &record_name(split, number))? {
         take(part)?;
         number += 1;
     }

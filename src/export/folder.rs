@@ -113,7 +113,7 @@ impl ExportFolder {
     pub(super) fn claim(root: &Path) -> Result<Self, ExportError> {
         let state = root.join(STATE_FOLDER);
         atomic_file::create_dir(&state)?;
-        let path = state.join("lock");
+        let path = state.join("export.lock");
         let lock = FolderLock::try_new(&path).map_err(unreadable(&path))?;
         let lock = lock.ok_or_else(|| ExportError::Busy { out: root.to_owned() })?;
         // Two levels include SPLIT/LAYER/.

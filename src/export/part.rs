@@ -20,10 +20,16 @@ use std::path::Path;
 /// Maximum number of tuples in a part without a shard.
 pub(super) const TUPLES_A_PART: usize = 256;
 
+/// Schema of [`PartRecord`].
+const PART_SCHEMA: &str = "glasshouse.export_part/1";
+
 /// Record of a complete part.
-#[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PartRecord {
+    /// [`PART_SCHEMA`]; empty in records of older versions.
+    #[serde(default)]
+    schema: String,
     pub(super) numbers: Numbers,
     pub(super) files: Vec<FileRecord>,
     /// Lines of the split's list of tuples; empty for formats without this file.
@@ -48,13 +54,20 @@ pub(super) fn recorded(out: &Path, split: Split) -> Result<Vec<usize>, ExportErr
 }
 
 impl PartRecord {
-    /// Reads the record of part `number`, if the part is complete. A damaged record counts as none.
-    pub(super) fn read(
-        out: &Path,
-        split: Split,
-        number: usize,
-    ) -> Result<Option<Self>, ExportError> {
-        let path = out.join(record_name(split, number));
+    /// Makes the record of a part with these files and no tuples.
+    pub(super) fn of_files(files: Vec<FileRecord>) -> Self {
+        Self {
+            schema: PART_SCHEMA.to_owned(),
+            numbers: Numbers::default(),
+            files,
+            lines: Vec::new(),
+            of: BTreeMap::new(),
+        }
+    }
+
+    /// Reads a record below the folder of the export; `None` if there is none, or a damaged one.
+    pub(super) fn read(out: &Path, name: &str) -> Result<Option<Self>, ExportError> {
+        let path = out.join(name);
         let bytes = render::input_file::read_if_there(&path).map_err(unreadable(&path))?;
         Ok(bytes.and_then(|bytes| serde_json::from_slice(&bytes).ok()))
     }
@@ -65,9 +78,10 @@ impl PartRecord {
         Made { of: self.of.clone(), files: files.collect() }
     }
 
-    fn write(&self, folder: &ExportFolder, split: Split, number: usize) -> Result<(), ExportError> {
+    /// Writes the record durably.
+    pub(super) fn write(&self, folder: &ExportFolder, name: &str) -> Result<(), ExportError> {
         let json = serde_json::to_vec(self).expect("strings and numbers are JSON");
-        atomic_file::write(&folder.path(&record_name(split, number)), &json)?;
+        atomic_file::write(&folder.path(name), &json)?;
         Ok(())
     }
 }
@@ -81,7 +95,7 @@ pub(super) struct Prepared {
 
 /// A shard that is not complete.
 enum OpenShard {
-    Tar(Shard),
+    Tar(Box<Shard>),
     Tensors(TensorShard),
 }
 
@@ -97,7 +111,7 @@ impl OpenShard {
         let name = format!("{split}-{number:06}{ending}");
         Ok(Some(match format {
             ExportFormat::Safetensors => Self::Tensors(TensorShard::begin(folder, name)?),
-            _ => Self::Tar(Shard::begin(folder.root(), name)?),
+            _ => Self::Tar(Box::new(Shard::begin(folder.root(), name)?)),
         }))
     }
 
@@ -158,7 +172,7 @@ impl<'a> Parts<'a> {
             self.close()?;
         }
         if self.open.is_none() {
-            let record = PartRecord::default();
+            let record = PartRecord::of_files(Vec::new());
             let shard = OpenShard::begin(request.format, self.folder, self.split, self.number)?;
             self.open = Some((record, shard));
         }
@@ -190,7 +204,7 @@ impl<'a> Parts<'a> {
             }
             None => atomic_file::settle(self.folder.root())?,
         }
-        record.write(self.folder, self.split, self.number)?;
+        record.write(self.folder, &record_name(self.split, self.number))?;
         self.number += 1;
         Ok(())
     }

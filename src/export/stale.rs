@@ -1,11 +1,11 @@
 //! Finds the parts of an earlier call that are not those of the present run, or whose files were damaged.
 
-use super::error::{ExportError, unreadable};
+use super::error::ExportError;
 use super::finish::FINISH_RECORD;
 use super::folder::{ExportFolder, SUMS_FILE};
 use super::part::{PartRecord, record_name, recorded};
 use super::plan::ExportPlan;
-use crate::made::{Difference, Digests, Files, Made, Remade};
+use crate::made::{Difference, Digests, Files, Remade};
 use crate::run::keys;
 use rayon::prelude::*;
 use render::line::Split;
@@ -36,7 +36,7 @@ impl Stale {
         for &split in &plan.request.splits {
             let numbers = recorded(out, split)?;
             let look = |&number: &usize| -> Result<_, ExportError> {
-                let record = PartRecord::read(out, split, number)?;
+                let record = PartRecord::read(out, &record_name(split, number))?;
                 let differences = match &record {
                     Some(record) if record.of.is_empty() => vec![unknown(split, number)],
                     Some(record) => {
@@ -68,14 +68,11 @@ impl Stale {
         out: &Path,
         digests: &Digests,
     ) -> Result<(), ExportError> {
-        let path = out.join(FINISH_RECORD);
-        let json = render::input_file::read_if_there(&path).map_err(unreadable(&path))?;
-        let made = json.and_then(|json| serde_json::from_slice::<Made>(&json).ok());
-        let differences = match made {
+        let differences = match PartRecord::read(out, FINISH_RECORD)? {
             None => vec![Difference::FileGone(FINISH_RECORD.to_owned())],
-            Some(made) => {
+            Some(record) => {
                 let results = Files::results(out);
-                digests.differences(&made, &results, &results)?
+                digests.differences(&record.made(), &results, &results)?
             }
         };
         self.finish = !differences.is_empty();

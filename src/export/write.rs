@@ -4,7 +4,7 @@ use super::digest::FileRecord;
 use super::error::ExportError;
 use super::finish::finish;
 use super::folder::{ExportFolder, FolderState, SUMS_FILE, look};
-use super::part::{PartRecord, Parts, Prepared, TUPLES_A_PART, recorded};
+use super::part::{PartRecord, Parts, Prepared, TUPLES_A_PART, record_name, recorded};
 use super::plan::ExportPlan;
 use super::request::REQUEST_FILE;
 use super::sample::{layer_folders, sample};
@@ -212,7 +212,10 @@ impl SplitWriter<'_> {
                 break;
             }
             let Some(there) = there else { break };
-            let Some(record) = PartRecord::read(self.folder.root(), split, there)? else { break };
+            let Some(record) = PartRecord::read(self.folder.root(), &record_name(split, there))?
+            else {
+                break;
+            };
             (number, next) = (there + 1, end + record.numbers.tuples as usize);
             resumed += record.numbers.tuples;
             (self.work.on_tuples)(record.numbers.tuples, true);

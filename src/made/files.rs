@@ -45,7 +45,7 @@ impl Stamp {
         };
         let changed_ns: u64 = changed.parse().unwrap_or(0);
         let changed = UNIX_EPOCH + Duration::from_nanos(changed_ns);
-        let unsettled = UNSETTLED[usize::from(changed_ns % 1_000_000 == 0)];
+        let unsettled = UNSETTLED[usize::from(changed_ns.is_multiple_of(1_000_000))];
         // A time in the future is that of another machine's clock.
         SystemTime::now().duration_since(changed).is_ok_and(|age| age > unsettled)
     }

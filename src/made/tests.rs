@@ -4,7 +4,8 @@ use std::time::{Duration, SystemTime};
 /// Writes a file in place.
 fn write(folder: &Path, name: &str, text: &str) {
     let path = folder.join(name);
-    std::fs::write(&path, text).unwrap();
+    let mut file = std::fs::File::create(path).unwrap();
+    std::io::Write::write_all(&mut file, text.as_bytes()).unwrap();
 }
 
 fn made(of: &[(&str, &str)], files: &[(&str, &str)]) -> Made {

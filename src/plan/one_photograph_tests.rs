@@ -4,6 +4,7 @@ use super::*;
 use render::atomic_file::{create_dir, write_relaxed};
 use render::line::{Roots, SceneLine, Side};
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::Path;
@@ -189,9 +190,10 @@ fn lists_and_sources_that_share_photographs() {
         depth(&photos.join("d.npy"));
         fs::hard_link(photos.join(&name), photos.join(format!("q{number}.png"))).unwrap();
         for name in [&name, &format!("./{name}"), &format!("q{number}.png")] {
-            list += &format!(
+            let _ = writeln!(
+                list,
                 "{{\"schema\":\"glasshouse.photograph/1\",\"place\":\"outdoor\",\"color\":\"{name}\",\"depth\":\"d.npy\",\
-                 \"intrinsics\":{{\"fx\":40,\"fy\":40,\"cx\":20,\"cy\":15}}}}\n"
+                 \"intrinsics\":{{\"fx\":40,\"fy\":40,\"cx\":20,\"cy\":15}}}}"
             );
         }
     }

@@ -156,8 +156,8 @@ fn refused_or_whole(folder: &Path) -> Result<(), String> {
 /// True for results; logs and TensorBoard's events contain times, and receipts the name of a process.
 fn is_compared(path: &Path) -> bool {
     let text = path.to_str().unwrap();
-    // A repeated command repeats its line.
-    if path.ends_with(".glasshouse-written.jsonl") {
+    // A repeated command repeats its line, and digests are remembered with times.
+    if path.ends_with(".glasshouse-written.jsonl") || path.ends_with(".glasshouse-digests.json") {
         return false;
     }
     let timed = ["run/logs", "run/receipts", "run/train/backtrack/events.out.tfevents"];

@@ -136,7 +136,7 @@ impl fmt::Display for Answer<'_> {
         match self.wall_s {
             None => return write!(f, "would photograph {scenes} scenes into {out}"),
             Some(wall_s) => {
-                write!(f, "photographed {} into {out} in {wall_s:.1} s", many(scenes, "scene"))?
+                write!(f, "photographed {} into {out} in {wall_s:.1} s", many(scenes, "scene"))?;
             }
         }
         if self.scenes_resumed > 0 {
