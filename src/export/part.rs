@@ -96,7 +96,7 @@ pub(super) struct Prepared {
 /// A shard that is not complete.
 enum OpenShard {
     Tar(Box<Shard>),
-    Tensors(TensorShard),
+    Tensors(Box<TensorShard>),
 }
 
 impl OpenShard {
@@ -110,7 +110,7 @@ impl OpenShard {
         let Some(ending) = format.shard_ending() else { return Ok(None) };
         let name = format!("{split}-{number:06}{ending}");
         Ok(Some(match format {
-            ExportFormat::Safetensors => Self::Tensors(TensorShard::begin(folder, name)?),
+            ExportFormat::Safetensors => Self::Tensors(Box::new(TensorShard::begin(folder, name)?)),
             _ => Self::Tar(Box::new(Shard::begin(folder.root(), name)?)),
         }))
     }
