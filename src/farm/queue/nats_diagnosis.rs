@@ -2,7 +2,7 @@
 
 use super::nats::{ANSWER, Connection, cause, shown, within};
 use async_nats::connection::State;
-use async_nats::jetstream::context::GetStreamErrorKind;
+use async_nats::jetstream::context::{GetStreamErrorKind, RequestError, RequestErrorKind};
 use async_nats::{ConnectErrorKind, ServerAddr};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -49,13 +49,7 @@ impl Connection {
                 GetStreamErrorKind::JetStream(error) if error.code() == 503 => {
                     without_jetstream(&server)
                 }
-                // No server listens to the subjects of JetStream.
-                _ if ["no responders", "jetstream unavailable"]
-                    .iter()
-                    .any(|text| cause(&server, &error).contains(text)) =>
-                {
-                    without_jetstream(&server)
-                }
+                _ if has_no_responder(&error) => without_jetstream(&server),
                 _ => Diagnosis::Fine,
             },
             Some(Ok(_)) | None => Diagnosis::Fine,
@@ -94,6 +88,15 @@ fn without_jetstream(server: &str) -> Diagnosis {
     Diagnosis::Hopeless(format!(
         "{server} runs without JetStream, which keeps the queue: start it with `nats-server -js`, or enable JetStream in its configuration (jetstream {{}})"
     ))
+}
+
+/// True if no server listens to the subjects of JetStream.
+fn has_no_responder(error: &(dyn std::error::Error + 'static)) -> bool {
+    let mut causes = std::iter::successors(Some(error), |cause| cause.source());
+    causes.any(|cause| {
+        let request = cause.downcast_ref::<RequestError>();
+        request.is_some_and(|error| error.kind() == RequestErrorKind::NoResponders)
+    })
 }
 
 /// Returns the first line of a server that does not greet as NATS does, even if it speaks only when it is asked.
