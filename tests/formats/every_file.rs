@@ -72,7 +72,7 @@ fn of_a_run(files: &mut Files) {
     // An interrupted worker leaves partials.
     let (id, made) = partials(&folder.join("runs/smoke"), 0);
     put_partials(&folder.join("runs/smoke"), &id, &made[..1]);
-    files.is("runs/smoke", "run", unknown, &["scenes", "smoke"]);
+    files.is("runs/smoke", "run", whole, &["scenes", "smoke", "every file of its tuples"]);
     files.is(
         "runs/smoke/spec.json",
         "spec",
@@ -117,6 +117,13 @@ fn of_a_run(files: &mut Files) {
     files.put("phone.toml", "[sensor]\ncamera = \"imx686\"\nraw = true\n");
     let develop = ["develop", "runs/smoke", "--sensor", "phone.toml", "--out", "photographs"];
     run_in(&folder, &develop).expect(0);
+    files.is("photographs", "developed_folder", whole, &["scenes 3", "matches its digest"]);
+    files.is(
+        "photographs/.glasshouse-digests.json",
+        "digests",
+        unknown,
+        &["glasshouse.digests/1", "files"],
+    );
     files.is("photographs/develop.json", "developed", unknown, &["smoke", "sensor version 1"]);
     let photographs = format!("photographs/{SCENE}");
     files.is(
@@ -153,7 +160,7 @@ fn of_a_farm(files: &mut Files) {
     files.is(
         "runs/bad",
         "run",
-        None,
+        Some(true),
         &["1 in quarantine", "nan_depth.npy", "paused (backup)", "retry", "resume"],
     );
     files.is(
