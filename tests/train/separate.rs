@@ -92,7 +92,12 @@ fn the_former_command_line_is_refused_with_the_new_one() {
     let photo = folder.path().join("photo.png");
     picture(32, 32).save(&photo).unwrap();
     let out = folder.path().join("out");
-    let former = ["separate", text(folder.path()), text(&photo), "--out", text(&out)];
+    let made = folder.path().join("run");
+    std::fs::create_dir(&made).unwrap();
+    for name in ["spec.json", "manifest.jsonl"] {
+        std::fs::write(made.join(name), "{}").unwrap();
+    }
+    let former = ["separate", text(&made), text(&photo), "--out", text(&out)];
     run(&former).expect(2).says(&["--network RUN"]);
     assert!(!out.exists());
 }
