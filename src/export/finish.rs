@@ -91,8 +91,11 @@ pub(super) fn finish(
     for &split in &plan.request.splits {
         each_part(folder, split, |part| part.files.iter().try_for_each(&mut put))?;
     }
-    named.push(sums.finish()?);
+    let (sums, record) = sums.file.finish(SUMS_FILE);
+    named.push(record);
     PartRecord::of_files(named).write(folder, FINISH_RECORD)?;
+    // Its presence means that all other files are there.
+    sums.finish()?;
     Ok(total)
 }
 

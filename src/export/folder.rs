@@ -116,9 +116,15 @@ impl ExportFolder {
         let path = state.join("export.lock");
         let lock = FolderLock::try_new(&path).map_err(unreadable(&path))?;
         let lock = lock.ok_or_else(|| ExportError::Busy { out: root.to_owned() })?;
+        let folder = Self { root: root.to_owned(), lock };
+        folder.sweep();
+        Ok(folder)
+    }
+
+    /// Removes leftovers of killed processes and of failed removals.
+    pub(super) fn sweep(&self) {
         // Two levels include SPLIT/LAYER/.
-        atomic_file::sweep(root, 2, &is_temporary);
-        Ok(Self { root: root.to_owned(), lock })
+        atomic_file::sweep(&self.root, 2, &is_temporary);
     }
 
     /// Fails if the folder was deleted, moved or replaced since it was locked.

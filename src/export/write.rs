@@ -128,6 +128,7 @@ pub fn export(
         exported.remade.count = written_by_all;
     }
     let total = finish(run, &plan, &folder)?;
+    folder.sweep();
     digests.write(out)?;
     exported.files = total.files;
     exported.bytes = total.bytes;

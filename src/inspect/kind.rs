@@ -63,7 +63,7 @@ kinds! {
     Developed "developed" "develop.json, the record of a folder of photographs"
     DepthMaps "depth_maps" "depth.json, the record of a folder of depth maps"
     DepthRecords "depth_records" "made.jsonl, the digests of pictures and their depth maps"
-    Digests "digests" "digests that a command remembers for its next call"
+    Digests "digests" "memory of digests, for the next call of a command"
     DevelopedFolder "developed_folder" "photographs of a run's scenes"
     DepthFolder "depth_folder" "depth maps of a folder of pictures"
     TrainedOn "trained_on" "tuples.json, the tuples of a training"
@@ -252,7 +252,7 @@ pub(super) fn kind_by_name(name: &str) -> Option<Kind> {
         "croissant.json" => Kind::Croissant,
         "SHA256SUMS" => Kind::Sums,
         crate::outputs::WRITTEN_FILE => Kind::Written,
-        "work.lock" | "train.lock" => Kind::Lock,
+        "work.lock" | "train.lock" | "export.lock" => Kind::Lock,
         _ if name.starts_with("events.out.tfevents") => Kind::Events,
         _ if ending == "exr"
             && name.len() == 10
