@@ -76,8 +76,10 @@ pub fn export(
     // Checks the folder before the first write.
     let was_complete = look(out, &plan.request)? == FolderState::Complete;
     if was_complete && pool.install(|| stale(&plan, &tuples, out, &digests))?.is_none() {
-        // The memory of digests only saves time, and the folder may be read-only.
-        let _ = digests.write(out);
+        // Removes what a killed process left. The folder may be read-only, and the memory of digests only saves time.
+        if let Ok(_folder) = ExportFolder::claim(out) {
+            let _ = digests.write(out);
+        }
         return Ok(nothing_to_do(run, plan));
     }
     let folder = ExportFolder::claim(out)?;
