@@ -15,7 +15,7 @@ const TRAINED_ON: &str = "tuples.json";
 /// Schema of [`TRAINED_ON`].
 const TRAINED_ON_SCHEMA: &str = "glasshouse.trained_on/1";
 
-/// Content of [`TRAINED_ON`].
+/// Content of `tuples.json` in a stage's folder.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainedOn {
