@@ -69,7 +69,7 @@ impl Remade {
         self.because.is_empty()
     }
 
-    /// Adds a result, and the files because of which it is made again.
+    /// Counts results that are made again, and adds the reasons.
     pub(crate) fn add(&mut self, count: u64, differences: &[Difference]) {
         self.count += count;
         self.because.extend(differences.iter().map(Difference::to_string));
@@ -157,8 +157,8 @@ impl Digests {
         known.files.insert(files.key(name), (stamp, digest.to_owned()));
     }
 
-    /// Lists the files because of which a result is not that of its present input: none if it is. `of` are the inputs, `files` those
-    /// of the result.
+    /// Compares a result's record with its present inputs `of` and its present `files`. Returns each file that differs; none if the result
+    /// still belongs to its inputs.
     pub(crate) fn differences(
         &self,
         made: &Made,

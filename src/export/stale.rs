@@ -120,7 +120,7 @@ fn of_scenes(differences: Vec<Difference>) -> Vec<Difference> {
     found
 }
 
-/// Returns the difference of a part of which nothing is known.
+/// Returns the reason to make a part again whose record is missing or damaged.
 fn unknown(split: Split, number: usize) -> Difference {
     Difference::FileGone(format!("a readable {}", record_name(split, number)))
 }

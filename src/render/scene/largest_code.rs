@@ -79,7 +79,7 @@ mod tests {
     use crate::scene::decode_photograph;
     use image::ExtendedColorType as Png;
 
-    /// Share of the largest code in a photograph of 50 x 20 px, the first rows of which have it.
+    /// Returns the share for a photograph of 50 x 20 px whose first rows have the largest code.
     fn share(keys: &str, mask: Option<&[u8]>) -> Option<f64> {
         let camera = r#""intrinsics":{"fx":31.7,"fy":29.3,"cx":24.1,"cy":9.7}"#;
         let line = format!(r#"{{"color":"c","depth":"d",{camera}{keys}}}"#);
