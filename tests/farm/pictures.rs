@@ -251,9 +251,9 @@ fn depth_by_a_network_is_resumed_and_rendered() {
     // A killed call resumes to the same files.
     let killed = folder.path().join("killed");
     let mut child = command(&call(&killed, &["-j", "1"])).spawn().unwrap();
-    wait_until(&mut child, || {
-        !files(&killed).iter().all(|f| f.extension() != Some("npy".as_ref()))
-    });
+    // A map counts as made once its line is written, a moment after the map itself.
+    let records = killed.join("made.jsonl");
+    wait_until(&mut child, || std::fs::read(&records).is_ok_and(|text| text.ends_with(b"\n")));
     child.kill().unwrap();
     child.wait().unwrap();
     let resumed = run(&call(&killed, &["--json", "-j", "1"])).expect(3).json();
