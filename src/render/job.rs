@@ -7,6 +7,7 @@ use crate::line::SceneLine;
 use crate::partial::{Maker, PARTIAL_SCHEMA, Partial, PartialHeader};
 use crate::scene::LoadedScene;
 use crate::shard::{Shard, ShardLayout, scene_digest};
+use crate::threads::on_threads;
 use crate::trace::{Isa, TRACER_VERSION, TileResult, trace_tile};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -166,21 +167,17 @@ pub fn render_partials(
         .flat_map(|shard| (0..job.bands(shard)).map(move |band| (shard, band)))
         .collect();
     let next = AtomicUsize::new(0);
-    std::thread::scope(|scope| {
-        for _ in 0..threads.max(1) {
-            scope.spawn(|| {
-                while !stop.load(Ordering::Relaxed) {
-                    let Some(&(shard, band)) = all.get(next.fetch_add(1, Ordering::Relaxed)) else {
-                        break;
-                    };
-                    let shard = job.layout.shard(shard);
-                    let Some(result) = job.trace_band(&shard, band, isa) else {
-                        continue;
-                    };
-                    job.add(job.partial(&shard, result));
-                    on_shard();
-                }
-            });
+    on_threads(threads.min(all.len()), || {
+        while !stop.load(Ordering::Relaxed) {
+            let Some(&(shard, band)) = all.get(next.fetch_add(1, Ordering::Relaxed)) else {
+                break;
+            };
+            let shard = job.layout.shard(shard);
+            let Some(result) = job.trace_band(&shard, band, isa) else {
+                continue;
+            };
+            job.add(job.partial(&shard, result));
+            on_shard();
         }
     });
     let partials = job.take_results();

@@ -29,6 +29,7 @@ pub mod partial;
 pub mod path_text;
 pub mod scene;
 pub mod shard;
+mod threads;
 pub mod trace;
 
 pub use loaded::Loaded;

@@ -4,6 +4,7 @@ use super::golden_scenes::{GoldenScene, golden_scenes};
 use super::layout::samples_per_range;
 use super::spec::Golden;
 use crate::layer::Layer;
+use crate::threads::on_threads;
 use crate::trace::{Isa, Scene, Tile, trace_tile};
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -68,15 +69,7 @@ pub fn golden_of(set: &str, isa: Isa, threads: usize) -> Golden {
             digests[index].get_or_init(|| digest(scene, isa));
         }
     };
-    std::thread::scope(|scope| {
-        for _ in 1..threads.min(scenes.len()) {
-            // This thread does the work of those that the system cannot start.
-            if std::thread::Builder::new().spawn_scoped(scope, trace).is_err() {
-                break;
-            }
-        }
-        trace();
-    });
+    on_threads(threads.min(scenes.len()), trace);
     digest_of(set, digests.iter().map(|digest| digest.wait().as_str()))
 }
 
