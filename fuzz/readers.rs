@@ -186,8 +186,7 @@ pub(crate) fn list(bytes: &[u8]) -> bool {
         run: &folder,
         begin_writing: None,
         left_out: BTreeSet::new(),
-        is_planned: false,
-        keeps_absolute: false,
+        planned: None,
         // The photographs do not exist.
         checks_files: false,
         skip_invalid: false,

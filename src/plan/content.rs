@@ -97,12 +97,17 @@ impl Content {
             roots: &folders,
             base: request.run,
             read: &|path| bytes.read(path).unwrap_or_else(|| request.inputs.read(path)),
+            planned: request.planned,
             threads: request.threads,
             on_scene: &|done, all| on_progress("scenes previewed", done, all),
         };
-        let DrawnScenes { expansion, rejected } = draw_all(recipe, images, left_out, &context)
+        let drawn = draw_all(recipe, images, left_out, &context)
             .map_err(|source| recipe_error(path, source))?;
+        let DrawnScenes { expansion, rejected, scenes } = drawn;
         let Expansion { lines, same_place, same_scan, redrawn } = expansion;
+        if lines.len() < scenes {
+            return Err(DraftError::OtherScenes { name: self.name.clone(), lines, scenes });
+        }
         if !rejected.is_empty() {
             let draws = lines.len() + rejected.len();
             notes.push(format!(
@@ -323,7 +328,11 @@ pub(super) fn from_manifest(
     let base = parent(path);
     let mut roots: BTreeMap<String, PathBuf> =
         request.roots.iter().map(|(name, folder)| (name.to_owned(), absolute(folder))).collect();
-    root_paths(&mut lines, base, &mut roots, request.keeps_absolute);
+    // Plans of older versions have absolute paths, new ones have roots.
+    let is_absolute = |(_, path): (_, &str)| Path::new(path).is_absolute();
+    let keeps_absolute =
+        request.planned.iter().copied().flatten().flat_map(SceneLine::paths).any(is_absolute);
+    root_paths(&mut lines, base, &mut roots, keeps_absolute);
     let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
     Ok(Content { name, roots, notes: Vec::new(), scenes: Scenes::Lines(lines) })
 }

@@ -138,7 +138,7 @@ fn choose(
         }
         let mut found = check(&first)?;
         let mut draft = None;
-        if found.is_empty() || request.is_planned || keeps {
+        if found.is_empty() || request.planned.is_some() || keeps {
             let drawn = content.draft(left_out, request, on_progress)?;
             found = check(&drawn.lines)?;
             draft = Some(drawn);
@@ -150,7 +150,7 @@ fn choose(
         match draft {
             Some(draft) if keeps && !checker.has_refused() => return Ok(Ok(draft)),
             _ if !is_sound && !request.skip_invalid => return Ok(Err(None)),
-            Some(draft) if is_sound || request.is_planned => return Ok(Ok(draft)),
+            Some(draft) if is_sound || request.planned.is_some() => return Ok(Ok(draft)),
             _ => left_out.extend(names),
         }
     }

@@ -8,13 +8,13 @@ use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use crate::preview::{ExposureError, auto_expose};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use render::line::{Roots, Side};
+use render::line::{Roots, SceneLine, Side};
 use render::scene::{SceneFiles, read_files_by};
 use render::trace::Isa;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// Largest number of previews of one scene, after which planning fails.
 const MAX_PREVIEWS: u32 = 64;
@@ -53,6 +53,8 @@ pub fn read_rejected(path: PathBuf) -> Result<Vec<RejectedScene>, (PathBuf, Stri
 pub(super) struct DrawnScenes {
     pub(super) expansion: Expansion,
     pub(super) rejected: Vec<RejectedScene>,
+    /// Number of scenes in the recipe. Fewer are drawn if some differ from those of the run.
+    pub(super) scenes: usize,
 }
 
 /// A function that reads a photograph's file by path or URL.
@@ -63,6 +65,8 @@ pub(super) struct PreviewContext<'a> {
     pub(super) roots: &'a Roots,
     pub(super) base: &'a Path,
     pub(super) read: &'a Read<'a>,
+    /// The run's lines, if it exists.
+    pub(super) planned: Option<&'a [SceneLine]>,
     pub(super) threads: usize,
     pub(super) on_scene: &'a (dyn Fn(usize, usize) + Sync),
 }
@@ -84,10 +88,13 @@ pub(super) fn draw_all(
         return preview_all(recipe, images, excluded, context);
     }
     let expansion = expand_counted(recipe, images, excluded)?;
-    Ok(DrawnScenes { expansion, rejected: Vec::new() })
+    let scenes = expansion.lines.len();
+    Ok(DrawnScenes { expansion, rejected: Vec::new(), scenes })
 }
 
-/// Draws and previews every scene. Scenes are independent: the number of threads does not change the result.
+/// Draws and previews every scene. Scenes are independent: the number of threads does not change the result. If the run
+/// exists, ends at the first scene that differs from the run's, because the recipe has changed and other previews would
+/// only take time.
 fn preview_all(
     recipe: &Recipe,
     images: &BTreeMap<String, Vec<SourceImage>>,
@@ -97,15 +104,23 @@ fn preview_all(
     let assignment = Assignment::new(recipe, images, excluded)?;
     let done = AtomicUsize::new(0);
     (context.on_scene)(0, assignment.len());
+    let has_changed =
+        AtomicBool::new(context.planned.is_some_and(|lines| lines.len() != assignment.len()));
+    let preview = |number: usize| {
+        if done.load(Ordering::Relaxed) > 0 && has_changed.load(Ordering::Relaxed) {
+            return None;
+        }
+        let kept = preview_scene(recipe, &assignment, number, context);
+        (context.on_scene)(done.fetch_add(1, Ordering::Relaxed) + 1, assignment.len());
+        if let (Ok(kept), Some(planned)) = (&kept, context.planned)
+            && planned.get(number) != Some(&kept.drawn.line)
+        {
+            has_changed.store(true, Ordering::Relaxed);
+        }
+        Some(kept)
+    };
     let all = || -> Vec<Result<KeptScene, RecipeError>> {
-        let scenes = (0..assignment.len()).into_par_iter();
-        scenes
-            .map(|number| {
-                let kept = preview_scene(recipe, &assignment, number, context);
-                (context.on_scene)(done.fetch_add(1, Ordering::Relaxed) + 1, assignment.len());
-                kept
-            })
-            .collect()
+        (0..assignment.len()).into_par_iter().filter_map(preview).collect()
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(context.threads);
     let kept = match pool.build() {
@@ -113,7 +128,11 @@ fn preview_all(
         // If the system cannot start threads, the caller's pool does the work.
         Err(_) => all(),
     };
-    let mut scenes = DrawnScenes { expansion: Expansion::default(), rejected: Vec::new() };
+    let mut scenes = DrawnScenes {
+        expansion: Expansion::default(),
+        rejected: Vec::new(),
+        scenes: assignment.len(),
+    };
     for kept in kept {
         let KeptScene { drawn, rejected, redrawn } = kept?;
         scenes.expansion.add(drawn, redrawn);

@@ -4,7 +4,7 @@ use super::check::{InvalidInput, invalid_text};
 use super::diode::IndexError;
 use super::inputs::{InputFiles, StoreUnavailable};
 use super::recipe_error::RecipeError;
-use render::line::{ManifestError, RootError, Roots};
+use render::line::{ManifestError, RootError, Roots, SceneLine};
 use std::collections::BTreeSet;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -22,10 +22,8 @@ pub struct Request<'a> {
     pub begin_writing: Option<&'a BeginWriting<'a>>,
     /// Names of photographs (for a manifest: ids of scenes) that the plan leaves out from the start.
     pub left_out: BTreeSet<String>,
-    /// True if the run exists; its plan then stays unchanged, even if files cannot be used.
-    pub is_planned: bool,
-    /// True if the run exists and its lines have absolute paths, as in plans of older versions. New plans have roots.
-    pub keeps_absolute: bool,
+    /// The run's lines, if it exists. Its plan stays unchanged, even if files cannot be used.
+    pub planned: Option<&'a [SceneLine]>,
     /// True if planning checks the input files.
     pub checks_files: bool,
     /// True if the plan leaves out photographs (for a manifest: scenes) with unusable files; if false, a recipe fails.
@@ -63,6 +61,15 @@ pub enum DraftError {
         if known.is_empty() { "no roots".to_owned() } else { known.join(", ") }
     )]
     UnknownRoot { path: PathBuf, name: String, known: Vec<String> },
+    /// Drawing ended at the first scenes that differ from those of the run.
+    #[error("the recipe {name} describes other scenes than the run")]
+    OtherScenes {
+        name: String,
+        /// The scenes that were drawn.
+        lines: Vec<SceneLine>,
+        /// Number of scenes in the recipe.
+        scenes: usize,
+    },
     #[error("{} describes no scene: add scenes to it", path.display())]
     Empty { path: PathBuf },
     #[error(transparent)]

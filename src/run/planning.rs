@@ -17,6 +17,7 @@ use render::shard::{
     manifest_digest,
 };
 use render::trace::{Isa, TRACER_VERSION};
+use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -113,6 +114,13 @@ pub(crate) fn plan_run(
         Err(RunError::Missing { .. }) => None,
         Err(error) => return Err(error.into()),
     };
+    if existing.is_none() {
+        // Drawing may take minutes; a wrong --out is told before.
+        check_folder(source, out)?;
+        if !options.dry_run {
+            check_writing(out)?;
+        }
+    }
     // A run continues to leave out the same inputs, even if their files are usable now.
     let left_out = existing.iter().flat_map(|run| run.spec.left_out.clone());
     let begun = OnceLock::new();
@@ -126,8 +134,7 @@ pub(crate) fn plan_run(
         run: out,
         begin_writing: (existing.is_none() && !options.dry_run).then_some(&begin_writing),
         left_out: left_out.collect(),
-        is_planned: existing.is_some(),
-        keeps_absolute: existing.iter().flat_map(|run| &run.lines).any(has_absolute_paths),
+        planned: existing.as_ref().map(|run| &run.lines[..]),
         checks_files: existing.is_none() || options.dry_run,
         skip_invalid: options.skip_invalid,
         threads: options.threads,
@@ -137,7 +144,12 @@ pub(crate) fn plan_run(
     if let Some(Err(error)) = begun.take_if(|begun| begun.is_err()) {
         return Err(error);
     }
-    let drafted = drafted?;
+    let drafted = match (drafted, &existing) {
+        (Err(DraftError::OtherScenes { name, lines, scenes }), Some(run)) => {
+            return Err(changed(run, options, name, &lines, scenes).into());
+        }
+        (drafted, _) => drafted?,
+    };
     let manifest = to_jsonl(&drafted.lines);
     let tile_px = options
         .tile_px
@@ -160,9 +172,6 @@ pub(crate) fn plan_run(
         if !diff.is_empty() {
             return Err(SpecMismatch { run: out.to_owned(), diff }.into());
         }
-    }
-    if existing.is_none() && begun.is_none() {
-        check_folder(source, out)?;
     }
     let is_whole = existing.is_some() && drafted.to_make.iter().all(|made| made.is_written(out));
     if !options.dry_run && !is_whole {
@@ -189,8 +198,26 @@ pub(crate) fn plan_run(
     Ok(Planned { spec, drafted, existed: existing.is_some() })
 }
 
-fn has_absolute_paths(line: &SceneLine) -> bool {
-    line.paths().into_iter().any(|(_, path)| Path::new(path).is_absolute())
+/// The difference between a run and a recipe of which only the scenes `lines` were drawn.
+fn changed(
+    run: &Run,
+    options: &PlanOptions,
+    name: String,
+    lines: &[SceneLine],
+    scenes: usize,
+) -> SpecMismatch {
+    let new = Spec {
+        name,
+        scenes: scenes as u32,
+        manifest_blake3: manifest_digest(&to_jsonl(lines)),
+        tile_px: options.tile_px.unwrap_or(run.spec.tile_px),
+        ..run.spec.clone()
+    };
+    let mut diff = run.spec.diff(&run.lines, &new, lines);
+    if !lines.is_empty() {
+        let _ = writeln!(diff, "  compared: {} of {scenes} scenes", lines.len());
+    }
+    SpecMismatch { run: run.root().to_owned(), diff }
 }
 
 /// The locked folder of a run that is being planned. Planning that fails while it draws scenes removes the folder, with
@@ -238,6 +265,14 @@ fn check_folder(source: &Path, out: &Path) -> Result<(), PlanError> {
         }
     }
     Ok(())
+}
+
+/// Refuses a folder that cannot be made, or in which no file can be made.
+fn check_writing(out: &Path) -> Result<(), WriteError> {
+    let there = out.ancestors().find(|path| path.exists());
+    let folder = there.unwrap_or(Path::new("."));
+    let tried = tempfile::tempfile_in(folder);
+    tried.map(|_| ()).map_err(|source| WriteError { path: folder.to_owned(), source })
 }
 
 fn write_plan(

@@ -42,6 +42,46 @@ fn a_changed_recipe_is_refused_with_a_diff() {
     run(&place.arguments("plan", &[])).expect(0);
 }
 
+/// Previews of thousands of scenes take minutes, and the first of them tells that the recipe has changed.
+#[test]
+fn a_changed_recipe_is_refused_before_all_scenes_are_previewed() {
+    let place = place();
+    let recipe = RECIPE.replace("= 3 }", "= 40 }").replace("spp = 256", "spp = 4")
+        + "[light]\nauto_exposure = { percentile = 99, level = 0.9 }\n";
+    std::fs::write(&place.recipe, &recipe).unwrap();
+    let arguments = place.arguments("plan", &["-j", "1"]);
+    run(&arguments).expect(0);
+    std::fs::write(&place.recipe, recipe.replace("width = 96", "width = 80")).unwrap();
+    let words = ["film.width: 96 in the run, 80 from the recipe", "compared: 1 of 41 scenes"];
+    run(&arguments).expect(5).says(&words);
+    std::fs::write(&place.recipe, recipe.replace("= 40 }", "= 30 }")).unwrap();
+    let words = ["scenes: 41 in the run, 31 from the recipe", "compared: 1 of 31 scenes"];
+    run(&arguments).expect(5).says(&words);
+    std::fs::write(&place.recipe, &recipe).unwrap();
+    run(&arguments).expect(0);
+}
+
+/// A wrong `--out` is told before any photograph is read: here, none could be.
+#[test]
+fn a_folder_that_cannot_hold_the_run_is_refused_first() {
+    let place = place();
+    let recipe = "schema = \"glasshouse.recipe/1\"\nname = \"x\"\nseed = 1\n[film]\nwidth = 8\nheight = 8\nspp = 4\n\
+                  [sources.a]\nlayout = \"folder\"\nroot = \"nowhere\"\ndepth_range = { mean_m = 3 }\n\
+                  [[split]]\nname = \"train\"\npairs = { a = 1 }\n";
+    std::fs::write(&place.recipe, recipe).unwrap();
+    let file = place.folder.path().join("file");
+    std::fs::write(&file, "mine").unwrap();
+    for out in [file.clone(), file.join("run")] {
+        let all = ["plan", text(&place.recipe), "--out", text(&out)];
+        run(&all).expect(1).says(&[text(&file), "Not a directory"]);
+    }
+    let taken = place.folder.path().join("taken");
+    std::fs::create_dir(&taken).unwrap();
+    std::fs::write(taken.join("manifest.jsonl"), "mine").unwrap();
+    run(&["plan", text(&place.recipe), "--out", text(&taken)]).expect(2).says(&["manifest.jsonl"]);
+    assert_eq!(std::fs::read(taken.join("manifest.jsonl")).unwrap(), b"mine");
+}
+
 #[test]
 fn a_damaged_run_is_refused() {
     let place = place();
