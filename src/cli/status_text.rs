@@ -138,7 +138,7 @@ pub(super) fn attempt(attempt: &StandingAttempt) -> String {
     if note.n > 1 {
         let _ = write!(text, ", attempt {}", note.n);
     }
-    let _ = write!(text, ", {}, {} ago", note.worker, duration(attempt.age_s));
+    let _ = write!(text, ", {}, last sign of life {} ago", note.worker, duration(attempt.age_s));
     if let Some(end) = &note.ended {
         let kind = match end.kind {
             EndKind::Lost => "lost",

@@ -28,6 +28,9 @@ use std::time::{Duration, SystemTime};
 /// Schema of an [`AttemptRecord`].
 pub const ATTEMPT_SCHEMA: &str = "glasshouse.attempt/1";
 
+/// Number of leases without a sign of life after which an attempt counts as lost. A worker gives one sign in a lease.
+pub(crate) const SILENT_LEASES: u32 = 2;
+
 /// Number of losses without new partials in between, or of failed reads, that put a scene into quarantine.
 pub const MOST_LOST: u32 = 4;
 

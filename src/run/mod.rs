@@ -35,8 +35,8 @@ pub use attempts::{
     ATTEMPT_SCHEMA, AttemptRecord, EndKind, Ending, MOST_LOST, WorkerName, attempts,
 };
 pub(crate) use attempts::{
-    PoisonCheck, Signed, are_presumed, attempts_with_times, evidence, forget, is_unreadable,
-    mark_lost, poison_check, sign,
+    PoisonCheck, SILENT_LEASES, Signed, are_presumed, attempts_with_times, evidence, forget,
+    is_unreadable, mark_lost, poison_check, sign,
 };
 pub(crate) use audit::{
     AuditOptions, SceneAudit, Verdict, audit_scene, check_auditor, draw_scenes,
@@ -56,7 +56,7 @@ pub(crate) use provenance::{Makers, PartialsProvenance, other_workers};
 pub use quarantine::{QUARANTINE_SCHEMA, QuarantineRecord};
 pub use retry::{Retried, RetryError, RetryScenes, retry};
 pub use snapshot::{
-    Counts, Quarantined, RunState, SceneState, Scope, SeenAttempt, SeenTuple, Snapshot,
+    Counts, Quarantined, RunState, SceneState, Scope, SeenAttempt, SeenTuple, SeenWorker, Snapshot,
     StandingAttempt, Status, WorkerTuples,
 };
 pub(crate) use stages::{Stage, Stopwatch};

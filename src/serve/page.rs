@@ -121,7 +121,7 @@ fn button(target: &str, text: &str, question: &str) -> Markup {
 }
 
 fn alerts(view: &FarmView) -> Markup {
-    let is_silent = |worker: &WorkerView| worker.state == WorkerState::Silent;
+    let is_lost = |worker: &WorkerView| worker.state == WorkerState::Lost;
     html! {
         @if !view.queue.connected {
             @let reason = view.queue.reason.as_deref().unwrap_or("the server does not answer");
@@ -130,7 +130,7 @@ fn alerts(view: &FarmView) -> Markup {
                 " Workers finish their leased tasks; the coordinator keeps trying."
             }
         }
-        @if view.state == RunState::Running && view.workers.iter().all(is_silent) {
+        @if view.state == RunState::Running && view.workers.iter().all(is_lost) {
             div.card.alert data-key="workers" {
                 b.bad { "No worker." } " The run continues when a worker starts: "
                 code { "glasshouse work RUN --queue URL" }
@@ -181,12 +181,12 @@ fn facts(view: &FarmView) -> Markup {
     let (rate, unit) = rate.unwrap_or(("unknown".to_owned(), ""));
     let shards = format!("of {}", grouped(view.shards.total));
     let count = |state| view.workers.iter().filter(|w| w.state == state).count() as u64;
-    let (workers, workers_class) = match count(WorkerState::Silent) {
+    let (workers, workers_class) = match count(WorkerState::Lost) {
         0 => {
             let all = grouped(view.workers.len() as u64);
             (format!("working, of {all}"), "")
         }
-        silent => (format!("working, {} silent", grouped(silent)), "bad"),
+        lost => (format!("working, {} lost", grouped(lost)), "bad"),
     };
     let number = |n: Option<u64>| n.map_or("unknown".to_owned(), grouped);
     let held = format!("waiting, {} held", number(view.queue.spans_held));
@@ -271,7 +271,7 @@ fn workers(view: &FarmView) -> Markup {
                 div.scroll tabindex="0" {
                     table {
                         thead { tr {
-                            th { "worker" } th { "state" } th.n { "progress" } th { "in hand" } th.n { "shards" }
+                            th { "worker" } th { "state" } th.n { "last sign" } th { "in hand" } th.n { "shards" }
                         } }
                         tbody {
                             @for worker in all.iter().take(WORKERS_SHOWN) { (worker_row(worker, &view.version)) }
@@ -286,7 +286,7 @@ fn workers(view: &FarmView) -> Markup {
 
 fn worker_row(worker: &WorkerView, version: &str) -> Markup {
     let state = worker.state.name();
-    let class = (worker.state == WorkerState::Silent).then_some("alarm");
+    let class = (worker.state == WorkerState::Lost).then_some("alarm");
     // The version of a worker is unknown before its first tuple.
     let is_other = !worker.version.is_empty() && worker.version != version;
     html! {
@@ -327,7 +327,7 @@ fn quarantine(view: &FarmView, can_act: bool) -> Markup {
 fn quarantined_scene(record: &QuarantinedScene, can_act: bool) -> Markup {
     let scene = record.scene.as_str();
     html! {
-        div.lost data-key=(scene) {
+        div.aside data-key=(scene) {
             header {
                 b.mono { (scene) }
                 span.push {

@@ -69,10 +69,10 @@ pub struct WorkerView {
     /// Version of the worker's program; empty if unknown.
     pub version: String,
     pub state: WorkerState,
-    /// Seconds since the last progress.
+    /// Seconds since the last sign of life: a new task, a tuple, or the sign that a worker with a task puts once in a lease.
     pub last_progress_s: f64,
     pub scene: Option<SceneId>,
-    /// Index of the current shard in the scene.
+    /// Index of the task's first shard in the scene.
     pub shard: Option<u32>,
     /// Number of shards of the tuples that the worker has made since the coordinator started.
     pub shards_done: u64,
@@ -82,8 +82,8 @@ pub struct WorkerView {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WorkerState {
-    /// No progress for too long: the worker is hung, lost or disconnected.
-    Silent,
+    /// The worker has a task and gave no sign of life for two leases: it is killed, hung or disconnected.
+    Lost,
     /// The worker requeues its tasks and exits.
     Stopping,
     Working,
@@ -93,12 +93,12 @@ pub enum WorkerState {
 
 impl WorkerState {
     /// All states, the most urgent first.
-    pub const ALL: [Self; 4] = [Self::Silent, Self::Stopping, Self::Working, Self::Idle];
+    pub const ALL: [Self; 4] = [Self::Lost, Self::Stopping, Self::Working, Self::Idle];
 
     /// Returns the name of the state in JSON, in metrics and on the page.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Silent => "silent",
+            Self::Lost => "lost",
             Self::Stopping => "stopping",
             Self::Working => "working",
             Self::Idle => "idle",

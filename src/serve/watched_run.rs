@@ -6,15 +6,13 @@ use super::view::{
     Count, FARM_SCHEMA, FarmView, QuarantinedScene, QueueView, RecentTuple, WorkerState, WorkerView,
 };
 use crate::farm::Watch;
-use crate::run::{
-    ControlState, RetryScenes, Run, RunState, SeenAttempt, Snapshot, keys, retry, set_control,
-};
+use crate::run::{ControlState, RetryScenes, Run, RunState, Snapshot, keys, retry, set_control};
 use crate::store::Store;
 use render::ids::SceneId;
 use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 const RECENT: usize = 12;
 /// Maximum side of a thumbnail, px.
@@ -28,13 +26,13 @@ pub struct WatchedRun {
     layers: Vec<Vec<String>>,
     store: Store,
     watch: Arc<Mutex<Watch>>,
-    /// Time without progress after which the view shows a worker as silent, s.
-    silent_s: f64,
+    /// Time without a sign of life after which a worker with a task counts as lost.
+    silence: Duration,
 }
 
 impl WatchedRun {
     /// Creates the source of a run; [`crate::farm::coordinate()`] keeps `watch` up to date.
-    pub fn new(run: &Run, store: &Store, watch: &Arc<Mutex<Watch>>, silent_s: f64) -> Self {
+    pub fn new(run: &Run, store: &Store, watch: &Arc<Mutex<Watch>>, silence: Duration) -> Self {
         let names = |line: &render::line::SceneLine| {
             let names = line.film.layers.names();
             names.map(str::to_owned).collect()
@@ -48,7 +46,7 @@ impl WatchedRun {
             layers: run.lines.iter().map(names).collect(),
             store: store.clone(),
             watch: Arc::clone(watch),
-            silent_s,
+            silence,
         }
     }
 }
@@ -68,7 +66,7 @@ fn new_worker(name: &str, host: &str) -> WorkerView {
 }
 
 impl WatchedRun {
-    /// Lists the workers that have made a tuple since this process started, or have a running attempt.
+    /// Lists the workers that have made a tuple since this process started, or have held a task.
     fn workers(&self, snapshot: &Snapshot, state: RunState) -> Vec<WorkerView> {
         let seconds = |at: Instant| at.elapsed().as_secs_f64();
         let mut workers: BTreeMap<&str, WorkerView> = BTreeMap::new();
@@ -86,21 +84,16 @@ impl WatchedRun {
             view.shards_done += u64::from(snapshot.shards(tuple.scene));
             view.last_progress_s = view.last_progress_s.min(seconds(seen));
         }
-        let is_held = |attempt: &&SeenAttempt| attempt.record.ended.is_none();
-        for SeenAttempt { record, seen, .. } in snapshot.attempts().filter(is_held) {
-            let view = workers
-                .entry(&record.worker)
-                .or_insert_with(|| new_worker(&record.worker, &record.host));
-            view.state = WorkerState::Working;
-            view.scene.get_or_insert_with(|| record.scene.clone());
-            view.last_progress_s = view.last_progress_s.min(seconds(*seen));
-        }
-        for worker in workers.values_mut() {
-            if state == RunState::Finished {
-                worker.state = WorkerState::Idle;
-            } else if worker.last_progress_s > self.silent_s {
-                worker.state = WorkerState::Silent;
-            }
+        for (name, seen) in snapshot.workers_seen() {
+            let view = workers.entry(name).or_insert_with(|| new_worker(name, &seen.host));
+            view.last_progress_s = seconds(seen.last);
+            let is_over = state == RunState::Finished;
+            let Some((scene, shard)) = seen.task.as_ref().filter(|_| !is_over) else {
+                continue;
+            };
+            (view.scene, view.shard) = (Some(scene.clone()), Some(*shard));
+            let is_lost = snapshot.is_lost(seen, self.silence);
+            view.state = if is_lost { WorkerState::Lost } else { WorkerState::Working };
         }
         workers.into_values().collect()
     }

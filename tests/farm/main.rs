@@ -21,6 +21,7 @@ mod idle;
 mod kept_run;
 mod kill;
 mod late;
+mod lost;
 mod many;
 mod merging;
 mod photographs;

@@ -27,7 +27,7 @@ fn every_route_answers() {
         "scenes a minute",
         "2 h 05 min",
         "20,000",
-        "1 silent",
+        "1 lost",
         "3,700",
         "66 held",
         "train-5",
@@ -58,7 +58,7 @@ fn every_route_answers() {
     let json: serde_json::Value = serde_json::from_slice(&view.body).unwrap();
     assert_eq!(json, serde_json::to_value(run.view()).unwrap());
     assert_eq!(json["schema"], "glasshouse.farm/1");
-    assert_eq!(json["workers"][1]["state"], "silent");
+    assert_eq!(json["workers"][1]["state"], "lost");
 
     assert_eq!(get(at, "/healthz").expect(200).text(), "ok\n");
     assert!(request(at, "HEAD", "/", "").expect(200).body.is_empty());
@@ -274,7 +274,7 @@ fn a_large_farm_has_a_small_page_with_the_worst_first() {
         let mut view = run.view.lock().unwrap();
         view.workers = (0..500)
             .map(|n| {
-                let state = if n % 250 == 77 { WorkerState::Silent } else { WorkerState::Working };
+                let state = if n % 250 == 77 { WorkerState::Lost } else { WorkerState::Working };
                 worker(&format!("w{n:03}"), state, f64::from(n))
             })
             .collect();

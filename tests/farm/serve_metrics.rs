@@ -53,7 +53,7 @@ fn metrics_follow_the_text_format() {
         view.workers[0].version = "\\".to_owned();
         view.workers[1].last_progress_s = f64::NAN;
         // Two workers have the same name and host, as after a restart.
-        view.workers.push(worker("three", WorkerState::Silent, 99.0));
+        view.workers.push(worker("three", WorkerState::Lost, 99.0));
         view.workers.push(worker("three", WorkerState::Working, 1.5));
         view.eta_s = None;
     }
@@ -93,7 +93,7 @@ fn metrics_follow_the_text_format() {
     assert_eq!(value("glasshouse_run_state", "state", "paused"), 0.0);
     assert_eq!(value("glasshouse_scenes_done", "", ""), 1234.0);
     assert_eq!(value("glasshouse_scenes_per_second", "", ""), 0.5);
-    assert_eq!(value("glasshouse_workers", "state", "silent"), 2.0);
+    assert_eq!(value("glasshouse_workers", "state", "lost"), 2.0);
     let age = |name| value("glasshouse_worker_last_progress_seconds", "worker", name);
     assert_eq!(age(HOSTILE), 0.5);
     assert!(age("two").is_nan());

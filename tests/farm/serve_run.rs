@@ -1,5 +1,6 @@
 //! A run in memory for the web server, and a client that sends HTTP requests over a socket.
 
+use crate::support::program::Running;
 use glasshouse::run::RunState;
 use glasshouse::serve::{
     Action, Count, FARM_SCHEMA, FarmSource, FarmView, QuarantinedScene, QueueView, RecentTuple,
@@ -8,7 +9,7 @@ use glasshouse::serve::{
 use render::ids::SceneId;
 use render::layer::Layer;
 use std::collections::BTreeMap;
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
@@ -18,6 +19,15 @@ pub(crate) const TOKEN: &str = "a token of the test";
 /// Hostile content of a name or a reason.
 pub(crate) const HOSTILE: &str =
     "<img src=x onerror=\"document.title='pwned'\">\\\"'}\n& {x=\"1\"} 1";
+
+/// Reads the address of a coordinator's status page. Returns the rest of its standard error, too.
+pub(crate) fn view_address(coordinator: &mut Running) -> (SocketAddr, impl Read + use<>) {
+    let mut stderr = BufReader::new(coordinator.stderr.take().unwrap());
+    let mut said = String::new();
+    stderr.read_line(&mut said).unwrap();
+    let address = said.split("http://").nth(1).unwrap().trim_end().trim_end_matches('/');
+    (address.parse().unwrap(), stderr)
+}
 
 /// A run in memory, which counts requests for pictures and records actions.
 pub(crate) struct Run {
@@ -125,7 +135,7 @@ pub(crate) fn run() -> Arc<Run> {
         },
         workers: vec![
             worker("one", WorkerState::Working, 0.5),
-            worker("two", WorkerState::Silent, 412.0),
+            worker("two", WorkerState::Lost, 412.0),
         ],
         quarantine: vec![bad],
         recent: vec![recent],

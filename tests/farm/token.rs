@@ -1,11 +1,11 @@
 //! With the token, the requests of the status page's buttons have the effects of the commands.
 
 use crate::processes::{end, slow_place, start};
-use crate::serve_run::{get, request};
+use crate::serve_run::{get, request, view_address};
 use crate::support::nats::Nats;
 use crate::support::program::{Ended, Program, command, run, text};
 use serde_json::Value;
-use std::io::{BufRead, BufReader, Read};
+use std::io::Read;
 use std::net::SocketAddr;
 use std::os::unix::fs::PermissionsExt;
 
@@ -27,11 +27,7 @@ fn the_pages_buttons_need_the_token() {
     std::fs::write(place.run.join("quarantine/train-sample-000001.json"), record).unwrap();
     let more = ["--listen", "127.0.0.1:0", "--token-file", text(&file)];
     let mut coordinator = start("coordinate", &place, &server, &more);
-    let mut stderr = BufReader::new(coordinator.stderr.take().unwrap());
-    let mut said = String::new();
-    stderr.read_line(&mut said).unwrap();
-    let address = said.split("http://").nth(1).unwrap().trim_end().trim_end_matches('/');
-    let address: SocketAddr = address.parse().unwrap();
+    let (address, mut stderr) = view_address(&mut coordinator);
 
     let post = |path: &str, token: &str| {
         let header = format!("Authorization: Bearer {token}\r\n");
@@ -52,6 +48,7 @@ fn the_pages_buttons_need_the_token() {
     post("/api/retry/train-sample-000001", TOKEN).expect(200);
     assert!(!place.run.join("quarantine/train-sample-000001.json").exists());
     post("/api/cancel", TOKEN).expect(200);
+    let mut said = String::new();
     stderr.read_to_string(&mut said).unwrap();
     end(coordinator).expect(3);
     assert!(said.contains("cancelled") && !said.contains(TOKEN), "{said}");

@@ -7,7 +7,7 @@ use crate::cli::progress::Progress;
 use crate::cli::queue;
 use crate::cli::signals::Signals;
 use crate::farm::{CoordinateOptions, Watch, coordinate};
-use crate::run::{Run, Scope, Snapshot, process_cpu_s};
+use crate::run::{Run, SILENT_LEASES, Scope, Snapshot, process_cpu_s};
 use crate::serve::{ServeError, WatchedRun, serve};
 use crate::store::Store;
 use clap::Args as ClapArgs;
@@ -61,9 +61,9 @@ pub(super) fn run(
     };
     let watch = Arc::new(Mutex::new(Watch::new(&run)));
     let token = token(args, output)?;
-    let silent_s = 20.0 * args.queue.lease_s.as_secs_f64();
     let page = args.listen.map(|address| {
-        let source = Arc::new(WatchedRun::new(&run, &store, &watch, silent_s));
+        let silence = args.queue.lease_s * SILENT_LEASES;
+        let source = Arc::new(WatchedRun::new(&run, &store, &watch, silence));
         serve(address, source, token.clone()).map_err(|e| Failure::new(serve_exit(&e), e))
     });
     let page = page.transpose()?;

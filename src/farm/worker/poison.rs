@@ -6,8 +6,9 @@ use super::tasks::TaskId;
 use crate::farm::FarmError;
 use crate::farm::queue::Lease;
 use crate::run::{
-    AttemptRecord, EndKind, Ending, PoisonCheck, QuarantineRecord, Signed, Task, are_presumed,
-    attempts, attempts_with_times, is_done, is_unreadable, keys, mark_lost, poison_check,
+    AttemptRecord, EndKind, Ending, PoisonCheck, QuarantineRecord, SILENT_LEASES, Signed, Task,
+    are_presumed, attempts, attempts_with_times, is_done, is_unreadable, keys, mark_lost,
+    poison_check,
 };
 use render::line::SceneLine;
 use std::time::{Duration, SystemTime};
@@ -20,9 +21,6 @@ pub(super) enum Finding {
     /// The scene may have killed a process.
     Suspect(AttemptRecord),
 }
-
-/// Number of leases without a sign of life after which an attempt counts as lost. A worker gives one sign in a lease.
-const SILENT_LEASES: u32 = 2;
 
 /// Pause before a machine reads a scene's files again, for each of its earlier failures to read them.
 const READ_AGAIN: Duration = Duration::from_secs(1);

@@ -2,12 +2,15 @@
 //! the keys and reads new objects. The `status` command, the page, the metrics, the report, the coordinator and the
 //! exit codes all use snapshots.
 //!
-//! The module `state` defines the states, `refresh` reads the store, and `status` computes the numbers.
+//! The module `state` defines the states, `refresh` reads the store, `roster` follows the workers, and `status` computes
+//! the numbers.
 
 mod refresh;
+mod roster;
 mod state;
 mod status;
 
+pub use roster::SeenWorker;
 pub use state::{Counts, Quarantined, RunState, SceneState};
 pub use status::{StandingAttempt, Status, WorkerTuples};
 
@@ -50,6 +53,9 @@ pub struct Snapshot {
     /// Tuples, in the order in which this process saw them.
     tuples: Vec<SeenTuple>,
     attempts: BTreeMap<String, SeenAttempt>,
+    roster: BTreeMap<String, SeenWorker>,
+    /// Time at which the last refresh listed the attempts.
+    listed: Option<Instant>,
     pub control: Control,
     /// Time of each refresh of the last minutes, and the number of finished shards.
     history: VecDeque<(Instant, u64)>,
@@ -88,10 +94,12 @@ pub struct SeenTuple {
 #[derive(Clone, Debug)]
 pub struct SeenAttempt {
     pub record: AttemptRecord,
-    /// Time when this process first saw this record.
-    pub seen: Instant,
+    /// Time when this process first saw this record or the newest sign of life of its worker.
+    pub signed: Instant,
     /// Time of the put, by the store's clock.
     put: SystemTime,
+    /// Time of the sign of life, by the store's clock, if there is one.
+    sign: Option<SystemTime>,
 }
 
 impl Snapshot {
@@ -107,6 +115,8 @@ impl Snapshot {
             plan: Arc::new(Plan { shards: shards.collect(), by_id, ids }),
             tuples: Vec::new(),
             attempts: BTreeMap::new(),
+            roster: BTreeMap::new(),
+            listed: None,
             control: Control::default(),
             history: VecDeque::new(),
         }

@@ -25,6 +25,7 @@ impl Snapshot {
         self.refresh_tuples(run, store)?;
         self.refresh_quarantine(store)?;
         self.refresh_partials(store)?;
+        self.refresh_roster();
         self.remember();
         Ok(())
     }
@@ -45,6 +46,7 @@ impl Snapshot {
             }
         }
         let is_freed = self.refresh_quarantine(store)?;
+        self.refresh_roster();
         self.remember();
         Ok(is_gone || is_freed)
     }
@@ -157,21 +159,31 @@ impl Snapshot {
         if !self.scope.workers {
             return Ok(());
         }
-        let mut listed: BTreeMap<String, SystemTime> =
-            store.list_times(keys::ATTEMPTS)?.into_iter().collect();
-        // Signs of life have no content of interest.
-        listed.retain(|key, _| keys::attempt_of(key).is_some());
-        self.attempts.retain(|key, attempt| listed.get(key) == Some(&attempt.put));
-        let is_new = |key: &&String| !self.attempts.contains_key(*key);
-        let new: Vec<String> = listed.keys().filter(is_new).cloned().collect();
         let seen = Instant::now();
+        let listed: BTreeMap<String, SystemTime> =
+            store.list_times(keys::ATTEMPTS)?.into_iter().collect();
+        self.listed = Some(seen);
+        self.attempts.retain(|key, attempt| listed.get(key) == Some(&attempt.put));
+        // Signs of life have no content of interest, only a time.
+        let sign_of = |record: &AttemptRecord| {
+            listed.get(&keys::sign(&record.scene, record.shards, record.n)).copied()
+        };
+        for attempt in self.attempts.values_mut() {
+            let sign = sign_of(&attempt.record);
+            if sign > attempt.sign {
+                (attempt.sign, attempt.signed) = (sign, seen);
+            }
+        }
+        let is_new =
+            |key: &&String| keys::attempt_of(key).is_some() && !self.attempts.contains_key(*key);
+        let new: Vec<String> = listed.keys().filter(is_new).cloned().collect();
         store.for_each(&new, |at, bytes| {
             let key = &new[at];
             let scene = keys::scene_of(key).and_then(|id| SceneId::new(id).ok());
             let record = scene.and_then(|scene| AttemptRecord::parse(&scene, key, &bytes?));
             self.attempts.extend(record.map(|record| {
-                let put = listed[key];
-                (key.clone(), SeenAttempt { record, seen, put })
+                let (put, sign) = (listed[key], sign_of(&record));
+                (key.clone(), SeenAttempt { record, signed: seen, put, sign })
             }));
         })
     }

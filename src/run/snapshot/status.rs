@@ -36,6 +36,7 @@ pub struct Status {
 pub struct StandingAttempt {
     #[serde(flatten)]
     pub note: AttemptRecord,
+    /// Seconds since the worker's last sign of life.
     pub age_s: f64,
 }
 
@@ -98,7 +99,7 @@ impl Snapshot {
         let by_scenes = scene_rate.map(|rate| counts.scenes_left() as f64 / rate);
         let attempts = self.attempts().map(|attempt| StandingAttempt {
             note: attempt.record.clone(),
-            age_s: age(attempt.put).as_secs_f64(),
+            age_s: age(attempt.last()).as_secs_f64(),
         });
         Status {
             state,
