@@ -78,7 +78,8 @@ const OCTAVES: u32 = 4;
 fn marks(seed: u64, coverage: f64) -> SmudgeMap {
     let mut heights = vec![0.0f32; (TEXELS * TEXELS) as usize];
     for octave in 0..OCTAVES {
-        add_noise(&mut heights, mix64(seed.wrapping_add(u64::from(octave) * GOLDEN_GAMMA)), octave);
+        let step = u64::from(octave).wrapping_mul(GOLDEN_GAMMA);
+        add_noise(&mut heights, mix64(seed.wrapping_add(step)), octave);
     }
     let mut ascending: Vec<u32> = (0..TEXELS * TEXELS).collect();
     // The order of equal heights is that of the texels, so that it is the same on every machine.
