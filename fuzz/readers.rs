@@ -187,6 +187,7 @@ pub(crate) fn list(bytes: &[u8]) -> bool {
         begin_writing: None,
         left_out: BTreeSet::new(),
         planned: None,
+        only: None,
         // The photographs do not exist.
         checks_files: false,
         skip_invalid: false,

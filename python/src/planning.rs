@@ -35,6 +35,7 @@ pub(crate) fn plan_lines(
             begin_writing: Some(&|| Ok(())),
             left_out: BTreeSet::new(),
             planned: None,
+            only: None,
             checks_files: true,
             skip_invalid,
             threads,

@@ -60,6 +60,12 @@ pub(crate) fn photograph_name(source: &str, image: &SourceImage) -> String {
     format!("{source}:{}", image.color)
 }
 
+/// Returns the numbers of `only` of `count` scenes, at equal distances; without it, of all.
+pub(super) fn spread(count: usize, only: Option<usize>) -> impl ExactSizeIterator<Item = usize> {
+    let some = only.unwrap_or(count).min(count);
+    (0..some).map(move |k| k * count / some)
+}
+
 impl<'a> Assignment<'a> {
     /// Splits and pairs all photographs. [`Self::draw`] replaces those in `excluded` (see [`photograph_name`]) later,
     /// so that excluding a photograph changes only the scenes that use it.

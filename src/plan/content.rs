@@ -1,5 +1,6 @@
 //! The content of a recipe or a manifest: scenes, roots of their files, notes.
 
+use super::assign::spread;
 use super::copies::{copies, number_shared};
 use super::diode::{Index, SourceImage, from_paths, index_paths, index_source};
 use super::draw_scenes::{DrawnScenes, PreviewContext, RejectedScene, draw_all};
@@ -58,16 +59,18 @@ impl Content {
     pub(super) fn first_lines(
         &self,
         left_out: &BTreeSet<String>,
+        only: Option<usize>,
     ) -> Result<Vec<SceneLine>, DraftError> {
         match &self.scenes {
             Scenes::Drawn { path, recipe, images, .. } => {
-                Ok(expand_counted(recipe, images, left_out)
+                Ok(expand_counted(recipe, images, left_out, only)
                     .map_err(|source| recipe_error(path, source))?
                     .lines)
             }
             Scenes::Lines(all) => {
+                let lines = spread(all.len(), only).map(|number| &all[number]);
                 let stays = |line: &&SceneLine| !left_out.contains(line.id.as_str());
-                Ok(all.iter().filter(stays).cloned().collect())
+                Ok(lines.filter(stays).cloned().collect())
             }
         }
     }
@@ -82,7 +85,7 @@ impl Content {
         let mut notes = self.notes.clone();
         let Scenes::Drawn { path, recipe, images, to_make } = &self.scenes else {
             return Ok(Draft {
-                lines: self.first_lines(left_out)?,
+                lines: self.first_lines(left_out, request.only)?,
                 notes,
                 rejected: Vec::new(),
                 to_make: Vec::new(),
@@ -98,6 +101,7 @@ impl Content {
             base: request.run,
             read: &|path| bytes.read(path).unwrap_or_else(|| request.inputs.read(path)),
             planned: request.planned,
+            only: request.only,
             threads: request.threads,
             on_scene: &|done, all| on_progress("scenes previewed", done, all),
         };

@@ -126,7 +126,7 @@ fn choose(
             if request.checks_files { checker.check(lines) } else { Ok(Vec::new()) }
         };
         // Files are checked before previews, because previews take longer and may draw other photographs.
-        let first = match content.first_lines(left_out) {
+        let first = match content.first_lines(left_out, request.only) {
             Err(error) if !invalid.is_empty() => {
                 let remedy = format!("correct them: the recipe cannot do without them ({error})");
                 return Ok(Err(Some(remedy)));

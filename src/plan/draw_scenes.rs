@@ -1,13 +1,13 @@
 //! Draws all scenes of a recipe. If the recipe needs previews, computes exposures and white balance from a preview of
 //! each scene, and draws a scene again if it is black, cannot be assembled or violates the recipe's `[reject]` bounds.
 
-use super::assign::{Assignment, Drawn};
+use super::assign::{Assignment, Drawn, spread};
 use super::diode::SourceImage;
 use super::expand::{Expansion, expand_counted};
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use crate::preview::{ExposureError, auto_expose};
-use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use rayon::iter::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator};
 use render::line::{Roots, SceneLine, Side};
 use render::scene::{SceneFiles, read_files_by};
 use render::trace::Isa;
@@ -67,6 +67,8 @@ pub(super) struct PreviewContext<'a> {
     pub(super) read: &'a Read<'a>,
     /// The run's lines, if it exists.
     pub(super) planned: Option<&'a [SceneLine]>,
+    /// Number of scenes to draw, spread over all; `None` draws all.
+    pub(super) only: Option<usize>,
     pub(super) threads: usize,
     pub(super) on_scene: &'a (dyn Fn(usize, usize) + Sync),
 }
@@ -87,7 +89,7 @@ pub(super) fn draw_all(
     if recipe.needs_preview() {
         return preview_all(recipe, images, excluded, context);
     }
-    let expansion = expand_counted(recipe, images, excluded)?;
+    let expansion = expand_counted(recipe, images, excluded, context.only)?;
     let scenes = expansion.lines.len();
     Ok(DrawnScenes { expansion, rejected: Vec::new(), scenes })
 }
@@ -102,25 +104,26 @@ fn preview_all(
     context: &PreviewContext,
 ) -> Result<DrawnScenes, RecipeError> {
     let assignment = Assignment::new(recipe, images, excluded)?;
+    let numbers: Vec<usize> = spread(assignment.len(), context.only).collect();
     let done = AtomicUsize::new(0);
-    (context.on_scene)(0, assignment.len());
+    (context.on_scene)(0, numbers.len());
     let has_changed =
-        AtomicBool::new(context.planned.is_some_and(|lines| lines.len() != assignment.len()));
-    let preview = |number: usize| {
+        AtomicBool::new(context.planned.is_some_and(|lines| lines.len() != numbers.len()));
+    let preview = |(at, &number): (usize, &usize)| {
         if done.load(Ordering::Relaxed) > 0 && has_changed.load(Ordering::Relaxed) {
             return None;
         }
         let kept = preview_scene(recipe, &assignment, number, context);
-        (context.on_scene)(done.fetch_add(1, Ordering::Relaxed) + 1, assignment.len());
+        (context.on_scene)(done.fetch_add(1, Ordering::Relaxed) + 1, numbers.len());
         if let (Ok(kept), Some(planned)) = (&kept, context.planned)
-            && planned.get(number) != Some(&kept.drawn.line)
+            && planned.get(at) != Some(&kept.drawn.line)
         {
             has_changed.store(true, Ordering::Relaxed);
         }
         Some(kept)
     };
     let all = || -> Vec<Result<KeptScene, RecipeError>> {
-        (0..assignment.len()).into_par_iter().filter_map(preview).collect()
+        numbers.par_iter().enumerate().filter_map(preview).collect()
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(context.threads);
     let kept = match pool.build() {
@@ -131,7 +134,7 @@ fn preview_all(
     let mut scenes = DrawnScenes {
         expansion: Expansion::default(),
         rejected: Vec::new(),
-        scenes: assignment.len(),
+        scenes: numbers.len(),
     };
     for kept in kept {
         let KeptScene { drawn, rejected, redrawn } = kept?;

@@ -1,6 +1,6 @@
 //! Expands a recipe and its photographs into scene lines.
 
-use super::assign::{AssignedScene, Assignment, Drawn};
+use super::assign::{AssignedScene, Assignment, Drawn, spread};
 use super::cover_draw::SceneCover;
 use super::diode::SourceImage;
 use super::draw::{Draw, scene_seed};
@@ -47,19 +47,21 @@ pub(crate) fn expand(
     recipe: &Recipe,
     sources: &BTreeMap<String, Vec<SourceImage>>,
 ) -> Result<Vec<SceneLine>, RecipeError> {
-    expand_counted(recipe, sources, &BTreeSet::new()).map(|expansion| expansion.lines)
+    expand_counted(recipe, sources, &BTreeSet::new(), None).map(|expansion| expansion.lines)
 }
 
 /// Draws all scenes of `recipe` from the photographs of its `sources`, without those named in `excluded`
-/// (`SOURCE:PATH` of the colour image). Excluding a photograph changes only the scenes that use it.
+/// (`SOURCE:PATH` of the colour image). Excluding a photograph changes only the scenes that use it. With `only`, draws so
+/// many of them.
 pub(crate) fn expand_counted(
     recipe: &Recipe,
     sources: &BTreeMap<String, Vec<SourceImage>>,
     excluded: &BTreeSet<String>,
+    only: Option<usize>,
 ) -> Result<Expansion, RecipeError> {
     let assignment = Assignment::new(recipe, sources, excluded)?;
     let mut expansion = Expansion::default();
-    for number in 0..assignment.len() {
+    for number in spread(assignment.len(), only) {
         let drawn = assignment.draw(number, 0, 0)?;
         let redrawn = drawn.attempt;
         expansion.add(drawn, redrawn);
@@ -333,7 +335,7 @@ mod tests {
     fn draws_that_fail_the_geometry_check_are_repeated() {
         let sources = two_sources(6, 6);
         let steep = recipe("tilt_deg = [0, { uniform = [0, 89] }]", 60, 4);
-        let expansion = expand_counted(&steep, &sources, &BTreeSet::new()).unwrap();
+        let expansion = expand_counted(&steep, &sources, &BTreeSet::new(), None).unwrap();
         assert!(expansion.redrawn > 0);
         for line in &expansion.lines {
             check_geometry(line, 0.0).unwrap();
@@ -455,7 +457,7 @@ mod tests {
             let whole = expand(&recipe, &sources).unwrap();
             let out = whole[out % whole.len()].front.name().to_owned();
             let excluded = BTreeSet::from([out.clone()]);
-            let made = expand_counted(&recipe, &sources, &excluded);
+            let made = expand_counted(&recipe, &sources, &excluded, None);
             if let Err(RecipeError::NoSubstitute { .. }) = &made {
                 // A subset of two photographs has no substitute.
                 return Ok(());

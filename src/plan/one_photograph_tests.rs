@@ -44,6 +44,7 @@ fn plan(dir: &Path, text: &str) -> Result<Drafted, DraftError> {
         begin_writing: None,
         left_out: BTreeSet::new(),
         planned: None,
+        only: None,
         checks_files: true,
         skip_invalid: false,
         threads: 1,

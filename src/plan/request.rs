@@ -28,6 +28,8 @@ pub struct Request<'a> {
     pub checks_files: bool,
     /// True if the plan leaves out photographs (for a manifest: scenes) with unusable files; if false, a recipe fails.
     pub skip_invalid: bool,
+    /// Number of scenes to draw, spread over all, for measurements; `None` draws all.
+    pub only: Option<usize>,
     /// Number of threads for checks and previews.
     pub threads: usize,
 }

@@ -32,6 +32,8 @@ pub(crate) struct PlanOptions<'a> {
     pub(crate) dry_run: bool,
     /// True if planning leaves out photographs with unusable files (for a `.jsonl`, scenes).
     pub(crate) skip_invalid: bool,
+    /// Number of scenes to plan, spread over all, for measurements; `None` plans all.
+    pub(crate) only: Option<usize>,
     /// Content of [`keys::TRAIN`], if the recipe has a `[train]` table.
     pub(crate) training: Option<&'a str>,
     /// Number of threads that check input files, preview scenes, trace the golden shard and make photographs.
@@ -137,6 +139,7 @@ pub(crate) fn plan_run(
         planned: existing.as_ref().map(|run| &run.lines[..]),
         checks_files: existing.is_none() || options.dry_run,
         skip_invalid: options.skip_invalid,
+        only: options.only,
         threads: options.threads,
     };
     let drafted = draft(source, &request, on_progress);

@@ -86,6 +86,7 @@ fn planned(recipe: &Path, run: &Path) -> OnDemand {
         begin_writing: None,
         left_out: BTreeSet::new(),
         planned: None,
+        only: None,
         checks_files: true,
         skip_invalid: false,
         threads: 1,

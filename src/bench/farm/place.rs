@@ -76,6 +76,7 @@ impl<'a> Place<'a> {
         render::atomic_file::write_relaxed(&path, recipe.text().as_bytes())?;
         let run = self.folder.path().join(&recipe.name);
         let options = PlanOptions {
+            only: None,
             roots: &Roots::default(),
             inputs: &Inputs::default(),
             tile_px: Some(recipe.tile_px),

@@ -90,6 +90,7 @@ pub(super) fn plan_with(
         tile_px: args.tile,
         dry_run: global.dry_run,
         skip_invalid: args.skip_invalid,
+        only: None,
         training: training.as_deref(),
         threads: threads(global),
     };
