@@ -5,6 +5,7 @@
 //!        -> reference, ladder -> deviation -> fit -> table, plot bench error: error against CPU seconds
 //! calibrate                                                    plan: core seconds of a run
 //! composition                                                  bench compose: examples per second by part
+//! recipe                                                       bench recipe: cost by feature and by stage
 //! train_step                                                   bench train: CPU seconds of a step and its parts
 //! farm                                                         bench farm: overhead, makespan, resuming
 //! ```
@@ -24,6 +25,7 @@ mod fit;
 mod kernels;
 mod ladder;
 mod plot;
+mod recipe;
 mod reference;
 mod render;
 mod scenes;
@@ -43,6 +45,7 @@ pub use fit::Slope;
 pub use kernels::{BuildRow, KernelRow, TracerRow, grid_builds, kernels, tracer};
 pub use ladder::{Ladder, LayerRow, VARIANTS, Variant, climb, slopes};
 pub use plot::error_plot;
+pub use recipe::{FeatureRow, PaneCost, SceneCost, by_feature, scene_cost, stage_costs};
 pub use reference::{Reference, own_reference, read_reference, reference_files};
 pub use render::{Rendering, Work, render};
 pub use scenes::{BenchScene, indoor, outdoor, pair, stress};

@@ -30,6 +30,8 @@ pub struct Rendering {
     /// CPU seconds of all threads in the tracer (camera samples, intersection and radiance of all layers), without
     /// decoding, digests and merging.
     pub cpu_s: f64,
+    /// CPU seconds of the scene's set-up: orders, tables and bounds, for decoded photographs.
+    pub setup_s: f64,
 }
 
 /// Renders `line` with the scene's photographs. Returns `None` if `stop` was set before the end.
@@ -40,7 +42,8 @@ pub fn render(
     work: &Work,
 ) -> Result<Option<Rendering>, BenchError> {
     let layout = ShardLayout::of(line, TILE_PX);
-    let job = SceneJob::new(line, layout, scene.assemble(line, sampling)?);
+    let (assembled, setup_s) = cpu_s(|| scene.assemble(line, sampling));
+    let job = SceneJob::new(line, layout, assembled?);
     let next = AtomicU32::new(0);
     let done = Mutex::new((Vec::<Partial>::new(), 0.0));
     std::thread::scope(|scope| {
@@ -70,5 +73,5 @@ pub fn render(
         return Ok(None);
     }
     let tuple = combine(line, TILE_PX, &partials)?;
-    Ok(Some(Rendering { tuple, cpu_s }))
+    Ok(Some(Rendering { tuple, cpu_s, setup_s }))
 }

@@ -57,6 +57,13 @@ const NOT_RUN: &[(&str, Instead, &str)] = &[
     ("bench farm", DryRun, "needs a server, and measures for minutes"),
     ("bench farm --makespan", DryRun, "needs a server, and measures for minutes"),
     ("bench farm --resume", DryRun, "measures for minutes"),
+    ("bench recipe manifests/windows.toml", DryRun, "measures for minutes"),
+    ("bench recipe manifests/windows.toml --spp 16 --by stage", DryRun, "measures for minutes"),
+    (
+        "bench recipe manifests/folder.toml --root photos=/data/holiday --scenes 100 --json",
+        DryRun,
+        "measures for minutes",
+    ),
     ("bench compose", DryRun, "measures for seconds"),
     ("bench compose --size 128 -j 1 --json", DryRun, "measures for seconds"),
     #[cfg(feature = "train")]

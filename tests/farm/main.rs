@@ -8,6 +8,7 @@
 
 mod audit;
 mod bench_farm;
+mod bench_recipe;
 mod checkpoint;
 mod checks;
 mod conflict;

@@ -3,6 +3,7 @@
 mod compose;
 mod error;
 mod farm;
+mod recipe;
 mod trace;
 #[cfg(feature = "train")]
 mod train;
@@ -104,6 +105,22 @@ Examples:
   glasshouse bench compose
   glasshouse bench compose --size 128 -j 1 --json")]
     Compose(compose::BenchComposeArgs),
+    /// Measure a recipe's scenes: cost and error by feature of the pane, or CPU seconds of a tuple by stage
+    #[command(after_help = "\
+Draws some scenes of a recipe, spread over all, into a temporary folder, and works with one thread.
+  --by feature    each scene as drawn, with its stack made flat, smooth and clean, and with a plain pane of
+                  4 mm without covers, in turns. CPU seconds are those of the tracer with the set-up of the
+                  scene, medians of the rounds; ratios are of sums, and the worst of one scene. error: the
+                  stated error of I, root mean square over the scenes, as drawn, flat and plain
+  --by stage      CPU milliseconds of a tuple: planning (draws and previews), reading, decoding, tracing,
+                  merging, encoding and writing. Checks of the inputs and procedural photographs, which
+                  a run makes once, have a line of their own
+
+Examples:
+  glasshouse bench recipe manifests/windows.toml
+  glasshouse bench recipe manifests/windows.toml --spp 16 --by stage
+  glasshouse bench recipe manifests/folder.toml --root photos=/data/holiday --scenes 100 --json")]
+    Recipe(recipe::BenchRecipeArgs),
     /// Measure a training step: CPU seconds in total and by part, images per second, memory
     #[cfg(feature = "train")]
     #[command(after_help = "\
@@ -125,6 +142,7 @@ pub(super) fn run(args: &BenchArgs, global: &Global, output: &Output) -> Result<
         BenchCommand::Error(args) => error::run(args, global, output),
         BenchCommand::Compose(args) => Ok(compose::run(args, global, output)),
         BenchCommand::Farm(args) => farm::run(args, global, output),
+        BenchCommand::Recipe(args) => recipe::run(args, global, output),
         BenchCommand::Trace(args) => trace::run(args, global, output),
         #[cfg(feature = "train")]
         BenchCommand::Train(args) => train::run(args, global, output),

@@ -1,0 +1,275 @@
+//! `bench recipe`: measures the scenes of a recipe by feature or by stage.
+
+use crate::bench::{
+    FeatureRow, SceneCost, Work, by_feature, cpu_name, on_cpu, scene_cost, stage_costs,
+};
+use crate::cli::args::{Global, RootArgs, isa, parse_spp};
+use crate::cli::exit_code::{Exit, Failure, failure};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::signals::Signals;
+use crate::cli::store_env;
+use crate::farm::WorkOptions;
+use crate::run::{PlanOptions, Planned, Run, plan_run, process_cpu_s};
+use clap::{Args as ClapArgs, ValueEnum};
+use compose::markdown_table;
+use render::atomic_file;
+use render::line::{Roots, SceneLine, to_jsonl};
+use render::scene::read_files_by;
+use render::shard::golden;
+use render::trace::{Isa, TRACER_VERSION};
+use serde::Serialize;
+use std::collections::BTreeSet;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+#[derive(Debug, ClapArgs)]
+pub(super) struct BenchRecipeArgs {
+    /// Recipe (.toml) or scenes (.jsonl)
+    recipe: PathBuf,
+    /// Rows of the table
+    #[arg(long, value_enum, default_value = "feature")]
+    by: By,
+    /// Number of scenes, spread over all
+    #[arg(long, value_name = "N", default_value_t = 35, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    scenes: u32,
+    /// Samples per pixel, a power of two [default: those of the recipe]
+    #[arg(long, value_name = "N", value_parser = parse_spp)]
+    spp: Option<u32>,
+    /// Number of rounds of `--by feature`
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    rounds: u16,
+    #[command(flatten)]
+    roots: RootArgs,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum By {
+    Feature,
+    Stage,
+}
+
+const SCHEMA: &str = "glasshouse.bench_recipe/1";
+
+pub(super) fn run(
+    args: &BenchRecipeArgs,
+    global: &Global,
+    output: &Output,
+) -> Result<Exit, Failure> {
+    let bench = Bench::new(args, global)?;
+    if global.dry_run {
+        let recipe = args.recipe.clone();
+        output.show(SCHEMA, &Announced { dry_run: true, recipe, by: args.by, scenes: args.scenes });
+        return Ok(Exit::Done);
+    }
+    let report = bench.measure(output)?;
+    output.show(SCHEMA, &report);
+    Ok(Exit::Done)
+}
+
+/// A recipe and a temporary folder for its runs.
+struct Bench<'a> {
+    args: &'a BenchRecipeArgs,
+    global: &'a Global,
+    isa: Isa,
+    folder: TempDir,
+}
+
+impl<'a> Bench<'a> {
+    fn new(args: &'a BenchRecipeArgs, global: &'a Global) -> Result<Self, Failure> {
+        let folder = tempfile::tempdir()
+            .map_err(|e| failure!(Exit::Failed, "cannot make a temporary folder: {e}"))?;
+        Ok(Self { args, global, isa: isa(global)?, folder })
+    }
+
+    /// Plans the scenes of `source` into a run. Returns it with the CPU seconds of planning, without those of the golden
+    /// shard, which does not depend on the scenes.
+    fn plan(&self, source: &Path, run: &Path, roots: &Roots) -> Result<(Planned, f64), Failure> {
+        let inputs = store_env::inputs();
+        let options = PlanOptions {
+            roots,
+            inputs: &inputs,
+            tile_px: None,
+            dry_run: false,
+            skip_invalid: false,
+            only: Some(self.args.scenes as usize),
+            training: None,
+            threads: 1,
+        };
+        let start = process_cpu_s();
+        golden(self.isa, 1);
+        let golden_s = process_cpu_s() - start;
+        let planned = plan_run(source, run, &options, &|_, _, _| {})?;
+        Ok((planned, (process_cpu_s() - start - 2.0 * golden_s).max(0.0)))
+    }
+
+    fn measure(&self, output: &Output) -> Result<Report, Failure> {
+        let given = Roots::parse(&self.args.roots.roots)?;
+        let mut place = self.folder.path().join("run");
+        let (mut planned, first_s) = self.plan(&self.args.recipe, &place, &given)?;
+        for note in &planned.drafted.notes {
+            output.note(note);
+        }
+        if let Some(spp) = self.args.spp {
+            for line in &mut planned.drafted.lines {
+                line.film.spp = spp;
+            }
+        }
+        let lines = &planned.drafted.lines;
+        let count = lines.len();
+        let mut report = Report {
+            recipe: self.args.recipe.clone(),
+            by: self.args.by,
+            scenes: count,
+            spp: self.args.spp,
+            tracer_version: TRACER_VERSION,
+            cpu: cpu_name(),
+            features: None,
+            costs: None,
+            stages: None,
+        };
+        let run = Run::open(&place, &Roots::default())?;
+        if self.args.by == By::Feature {
+            let costs = self.costs(&run, lines)?;
+            report.features = Some(by_feature(&costs));
+            report.costs = Some(costs);
+            return Ok(report);
+        }
+        // A second planning finds the photographs made and checks no files.
+        let (_, again_s) = self.plan(&self.args.recipe, &place, &given)?;
+        if self.args.spp.is_some() {
+            let source = self.folder.path().join("scenes.jsonl");
+            atomic_file::write(&source, to_jsonl(lines).as_bytes())?;
+            place = self.folder.path().join("again");
+            self.plan(&source, &place, &used_roots(&run.roots, lines))?;
+        }
+        let run = Run::open(&place, &Roots::default())?;
+        let signals = Signals::catch();
+        let mut stages = vec![
+            ("once: checks, photographs", (first_s - again_s).max(0.0) / count as f64),
+            ("plan", again_s / count as f64),
+        ];
+        stages.extend(stage_costs(&run, &WorkOptions::new(1, self.isa, signals.stop()))?);
+        report.stages = Some(stages.into_iter().map(Stage::from).collect());
+        Ok(report)
+    }
+
+    fn costs(&self, run: &Run, lines: &[SceneLine]) -> Result<Vec<SceneCost>, Failure> {
+        let signals = Signals::catch();
+        let progress = Progress::new(self.global, "scenes", lines.len() as u64);
+        let inputs = store_env::inputs();
+        let read = |line: &SceneLine| {
+            read_files_by(line, &run.roots, run.root(), &|path| inputs.read(path))
+        };
+        let work = Work { threads: 1, isa: self.isa, stop: signals.stop(), on_samples: &|_| {} };
+        let mut costs = Vec::new();
+        for line in lines {
+            let Some(cost) = scene_cost(line, usize::from(self.args.rounds), &read, &work)? else {
+                progress.finish();
+                return Err(failure!(signals.exit(), "stopped by a signal: no table was written"));
+            };
+            costs.push(cost);
+            progress.add(1, false);
+        }
+        progress.finish();
+        Ok(costs)
+    }
+}
+
+/// Returns the roots that the lines' paths begin with.
+fn used_roots(roots: &Roots, lines: &[SceneLine]) -> Roots {
+    let paths = lines.iter().flat_map(SceneLine::paths);
+    let names: BTreeSet<&str> =
+        paths.filter_map(|(_, path)| Some(path.split_once(':')?.0)).collect();
+    let mut used = Roots::default();
+    for (name, folder) in roots.iter().filter(|(name, _)| names.contains(name)) {
+        used.replace(name, folder.to_owned());
+    }
+    used
+}
+
+#[derive(Serialize)]
+struct Announced {
+    dry_run: bool,
+    #[serde(serialize_with = "render::path_text::one")]
+    recipe: PathBuf,
+    by: By,
+    scenes: u32,
+}
+
+impl fmt::Display for Announced {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "would measure {} scenes of {}", self.scenes, self.recipe.display())
+    }
+}
+
+#[derive(Serialize)]
+struct Report {
+    #[serde(serialize_with = "render::path_text::one")]
+    recipe: PathBuf,
+    by: By,
+    scenes: usize,
+    /// `null` for the recipe's own.
+    spp: Option<u32>,
+    tracer_version: u32,
+    cpu: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    features: Option<Vec<FeatureRow>>,
+    /// Costs of the single scenes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    costs: Option<Vec<SceneCost>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stages: Option<Vec<Stage>>,
+}
+
+/// A stage and its CPU seconds for one tuple.
+#[derive(Serialize)]
+struct Stage {
+    stage: &'static str,
+    cpu_seconds: f64,
+}
+
+impl From<(&'static str, f64)> for Stage {
+    fn from((stage, cpu_seconds): (&'static str, f64)) -> Self {
+        Self { stage, cpu_seconds }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let spp = self.spp.map_or_else(String::new, |spp| format!(", {spp} samples"));
+        let Self { recipe, scenes, .. } = self;
+        writeln!(f, "{}: {scenes} scenes{spp}, one thread{}", recipe.display(), on_cpu())?;
+        if let Some(rows) = &self.features {
+            f.write_str(&feature_table(rows))?;
+        }
+        if let Some(stages) = &self.stages {
+            let sum: f64 = stages.iter().skip(1).map(|stage| stage.cpu_seconds).sum();
+            let row =
+                |stage: &str, seconds: f64| vec![stage.to_owned(), format!("{:.1}", 1e3 * seconds)];
+            let mut table = vec![vec!["stage".to_owned(), "CPU ms of a tuple".to_owned()]];
+            table.extend(stages.iter().map(|stage| row(stage.stage, stage.cpu_seconds)));
+            table.push(row("plan to rest", sum));
+            f.write_str(&markdown_table(&table, 1))?;
+        }
+        Ok(())
+    }
+}
+
+fn feature_table(rows: &[FeatureRow]) -> String {
+    let head =
+        "features | scenes | CPU s | over flat | worst | over plain | worst | error | flat | plain";
+    let mut table = vec![head.split(" | ").map(str::to_owned).collect::<Vec<_>>()];
+    for row in rows {
+        let mut cells =
+            vec![row.features.clone(), row.scenes.to_string(), format!("{:.3}", row.cpu_seconds)];
+        let ratios = [row.over_flat, row.worst_over_flat, row.over_plain, row.worst_over_plain];
+        cells.extend(ratios.map(|ratio| format!("{ratio:.2}")));
+        let error = |error: Option<f64>| error.map_or("-".to_owned(), |e| format!("{e:.1e}"));
+        cells.extend(row.error_rms.map(error));
+        table.push(cells);
+    }
+    markdown_table(&table, 1)
+}
