@@ -13,7 +13,7 @@ use render::atomic_file::{self, WriteError, is_temporary};
 use render::folder_lock::FolderLock;
 use render::line::{Roots, SceneLine, to_jsonl};
 use render::shard::{
-    SPEC_SCHEMA, ShardLayout, Spec, SpecMismatch, TooManyShards, choose_tile_px, golden,
+    Golden, SPEC_SCHEMA, ShardLayout, Spec, SpecMismatch, TooManyShards, choose_tile_px, golden,
     manifest_digest,
 };
 use render::trace::{Isa, TRACER_VERSION};
@@ -34,6 +34,8 @@ pub(crate) struct PlanOptions<'a> {
     pub(crate) skip_invalid: bool,
     /// Number of scenes to plan, spread over all, for measurements; `None` plans all.
     pub(crate) only: Option<usize>,
+    /// The golden shard, if the caller has traced it.
+    pub(crate) golden: Option<Golden>,
     /// Content of [`keys::TRAIN`], if the recipe has a `[train]` table.
     pub(crate) training: Option<&'a str>,
     /// Number of threads that check input files, preview scenes, trace the golden shard and make photographs.
@@ -166,7 +168,7 @@ pub(crate) fn plan_run(
         manifest_blake3: manifest_digest(&manifest),
         tile_px,
         tracer_version: TRACER_VERSION,
-        golden: golden(Isa::detect(), options.threads),
+        golden: (options.golden.clone()).unwrap_or_else(|| golden(Isa::detect(), options.threads)),
         roots: drafted.roots.clone(),
         left_out: drafted.left_out.iter().cloned().collect(),
     };

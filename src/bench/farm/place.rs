@@ -77,6 +77,7 @@ impl<'a> Place<'a> {
         let run = self.folder.path().join(&recipe.name);
         let options = PlanOptions {
             only: None,
+            golden: None,
             roots: &Roots::default(),
             inputs: &Inputs::default(),
             tile_px: Some(recipe.tile_px),

@@ -91,6 +91,7 @@ pub(super) fn plan_with(
         dry_run: global.dry_run,
         skip_invalid: args.skip_invalid,
         only: None,
+        golden: None,
         training: training.as_deref(),
         threads: threads(global),
     };

@@ -16,7 +16,7 @@ use compose::markdown_table;
 use render::atomic_file;
 use render::line::{Roots, SceneLine, to_jsonl};
 use render::scene::read_files_by;
-use render::shard::golden;
+use render::shard::{Golden, golden};
 use render::trace::{Isa, TRACER_VERSION};
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -58,13 +58,12 @@ pub(super) fn run(
     global: &Global,
     output: &Output,
 ) -> Result<Exit, Failure> {
-    let bench = Bench::new(args, global)?;
     if global.dry_run {
         let recipe = args.recipe.clone();
         output.show(SCHEMA, &Announced { dry_run: true, recipe, by: args.by, scenes: args.scenes });
         return Ok(Exit::Done);
     }
-    let report = bench.measure(output)?;
+    let report = Bench::new(args, global)?.measure(output)?;
     output.show(SCHEMA, &report);
     Ok(Exit::Done)
 }
@@ -74,6 +73,8 @@ struct Bench<'a> {
     args: &'a BenchRecipeArgs,
     global: &'a Global,
     isa: Isa,
+    /// Traced once and before the clock starts, because it does not depend on the scenes.
+    golden: Golden,
     folder: TempDir,
 }
 
@@ -81,11 +82,11 @@ impl<'a> Bench<'a> {
     fn new(args: &'a BenchRecipeArgs, global: &'a Global) -> Result<Self, Failure> {
         let folder = tempfile::tempdir()
             .map_err(|e| failure!(Exit::Failed, "cannot make a temporary folder: {e}"))?;
-        Ok(Self { args, global, isa: isa(global)?, folder })
+        let isa = isa(global)?;
+        Ok(Self { args, global, isa, golden: golden(isa, 1), folder })
     }
 
-    /// Plans the scenes of `source` into a run. Returns it with the CPU seconds of planning, without those of the golden
-    /// shard, which does not depend on the scenes.
+    /// Plans the scenes of `source` into a run. Returns it with the CPU seconds of planning.
     fn plan(&self, source: &Path, run: &Path, roots: &Roots) -> Result<(Planned, f64), Failure> {
         let inputs = store_env::inputs();
         let options = PlanOptions {
@@ -95,14 +96,13 @@ impl<'a> Bench<'a> {
             dry_run: false,
             skip_invalid: false,
             only: Some(self.args.scenes as usize),
+            golden: Some(self.golden.clone()),
             training: None,
             threads: 1,
         };
         let start = process_cpu_s();
-        golden(self.isa, 1);
-        let golden_s = process_cpu_s() - start;
         let planned = plan_run(source, run, &options, &|_, _, _| {})?;
-        Ok((planned, (process_cpu_s() - start - 2.0 * golden_s).max(0.0)))
+        Ok((planned, process_cpu_s() - start))
     }
 
     fn measure(&self, output: &Output) -> Result<Report, Failure> {
