@@ -168,7 +168,10 @@ pub(crate) fn plan_run(
         manifest_blake3: manifest_digest(&manifest),
         tile_px,
         tracer_version: TRACER_VERSION,
-        golden: (options.golden.clone()).unwrap_or_else(|| golden(Isa::detect(), options.threads)),
+        golden: match &options.golden {
+            Some(traced) => traced.clone(),
+            None => golden(Isa::detect(), options.threads),
+        },
         roots: drafted.roots.clone(),
         left_out: drafted.left_out.iter().cloned().collect(),
     };
@@ -203,7 +206,7 @@ pub(crate) fn plan_run(
     Ok(Planned { spec, drafted, existed: existing.is_some() })
 }
 
-/// The difference between a run and a recipe of which only the scenes `lines` were drawn.
+/// Compares a run with a recipe. Only the scenes `lines` of the recipe were drawn, because some of them differ.
 fn changed(
     run: &Run,
     options: &PlanOptions,
