@@ -135,8 +135,10 @@ impl<'a> Reference<'a> {
                     let exits: Vec<Exit> = paths.iter().map(follow).collect();
                     let side = usize::from(matches!(order, Order::Reflected(_)));
                     let exit = self.mean_line(&exits, side == 1);
-                    let mut weight = exit.weight();
-                    for cut in self.cuts.iter().filter(|_| carries_dropped) {
+                    // The light of cuts has an order of its own, with the line of the order before it.
+                    let is_rest = carries_dropped && !self.cuts.is_empty();
+                    let mut weight = if is_rest { [0.0; 3] } else { exit.weight() };
+                    for cut in self.cuts.iter().filter(|_| is_rest) {
                         let light = pane.follow(&cut.meetings, of, origin, d).weight();
                         (0..3).for_each(|c| weight[c] += light[c] * cut.division[side][c]);
                     }

@@ -10,7 +10,7 @@ const KEPT: [(&str, &str); 6] = [
     ("tilted-absorbing", "9810cc71eaac9862d49631c4d6e996a31deda1323e6780ed7ee4e709657f761f"),
     ("tilted-camera-gaussian", "04f5f041f809e004b7756d0dc42cfdb590ec1fbbb75012908027b20637240ab6"),
     ("pinhole", "4d46a5c0feba59d120e5aa7370d568cb6dcb527df34d44e3e6a0bcbfd29fa0c4"),
-    ("steep", "b028a7c4dbdd9c5d65bab228359af911cc8c9f7e19e316bba5ce03d917e63441"),
+    ("steep", "c8ca2042ec6902f6049bf96c2b851d35c4181ecb988510a49a45bc3f71855445"),
 ];
 
 /// Widths and heights of films, px: also no multiples of the side of a patch, and smaller than a patch.

@@ -1,6 +1,7 @@
-//! Traces a bundle: the rays of up to sixteen samples of the sixteen pixels of a patch, along one order.
+//! Traces a bundle: up to sixteen rows of rays, each of which has one sample of the sixteen pixels of a patch along one order.
 //!
-//! Lanes are pixels, so that no lane is idle if pixels take few samples.
+//! Lanes are pixels, so that no lane is idle if pixels take few samples; and weak orders, which take few samples, share bundles, so that the work
+//! for a bundle serves many rays.
 
 use super::camera::CameraChunk;
 use super::cover::{Card, Entries};
@@ -16,36 +17,56 @@ use super::slab::Order;
 use super::spans::{Found, OfPixel, Spans};
 use super::walk::{Group, Lines, Walkers, walk_bundle};
 
-/// Samples of a chunk along one order (or R's pinhole path).
-pub(super) struct Bundle<'a> {
-    pub(super) patch: &'a Patch,
-    pub(super) camera: &'a CameraChunk,
+/// One sample of a chunk along one order (or R's pinhole path).
+#[derive(Clone, Copy)]
+pub(super) struct Row<'a> {
+    /// Number of the sample in the chunk.
+    pub(super) sample: usize,
     pub(super) path: Path<'a>,
-    /// Number of the path in the scene.
-    pub(super) number: usize,
-    /// Number of samples that each pixel of the patch takes along this path, in all chunks.
-    pub(super) samples: u32,
     /// `None` is R's pinhole path, with weight 1.
     pub(super) order: Option<Order>,
     /// True if the order has the light of those that are not followed, too.
     pub(super) carries_dropped: bool,
+}
+
+/// Rows of a chunk that see one side. t_0 and R share no bundle with other orders.
+pub(super) struct Bundle<'a> {
+    pub(super) patch: &'a Patch,
+    pub(super) camera: &'a CameraChunk,
+    pub(super) rows: &'a [Row<'a>],
+    /// Number of the group of orders in the scene, and the paths of all its orders.
+    pub(super) group: (usize, &'a [Path<'a>]),
+    /// Number of samples that each pixel of the patch takes along all paths of the group, in all chunks.
+    pub(super) samples: u32,
     pub(super) feeds: Feeds,
-    /// Number of the chunk's samples in the first quarter of a pixel's samples, in the first half, and in total.
+    /// Number of the rows in the first quarter of a pixel's samples, in the first half, and in total.
     pub(super) ends: [usize; 3],
 }
 
 impl Bundle<'_> {
+    /// Returns the order of the first row: `None` for R, and t_0 for a bundle of t_0.
+    #[inline(always)]
+    pub(super) fn order(&self) -> Option<Order> {
+        self.rows[0].order
+    }
+
+    /// True if the pane has no closed form of the rays.
+    #[inline(always)]
+    pub(super) fn is_free(&self) -> bool {
+        self.rows[0].path.is_free()
+    }
+
     /// Returns the cards of the side that the bundle sees.
     #[inline(always)]
     pub(super) fn cards<'a>(&self, scene: &'a Scene) -> &'a [Card] {
-        let is_back = !matches!(self.order, Some(Order::Transmitted(_)));
+        let is_back = !matches!(self.order(), Some(Order::Transmitted(_)));
         &scene.cover.cards[usize::from(is_back)]
     }
 
     /// Returns the places at which the bundle's rays meet the pane's plane.
     #[inline(always)]
     pub(super) fn entries(&self) -> &Entries {
-        match self.order {
+        match self.order() {
             Some(_) => &self.camera.entries,
             None => &self.camera.pinhole_entries,
         }
@@ -54,13 +75,21 @@ impl Bundle<'_> {
     /// True if outline, frame or cards may change the bundle's radiance.
     #[inline(always)]
     pub(super) fn is_covered(&self, scene: &Scene) -> bool {
-        !self.entries().all_glass || meets(scene, self.cards(scene), self.patch, self.path)
+        let cards = self.cards(scene);
+        !self.entries().all_glass
+            || (!cards.is_empty() && (self.is_free() || self.may_meet(scene, cards)))
     }
 
-    /// Returns the points of the rays of sample `s` in the plane z = 0, and their directions (x, y, 1).
+    /// True if rays along paths in closed form may meet one of the `cards`.
+    fn may_meet(&self, scene: &Scene, cards: &[Card]) -> bool {
+        let (_, paths) = self.group;
+        paths.iter().any(|path| meets(scene, cards, self.patch, *path))
+    }
+
+    /// Returns the points of the rays of a row in the plane z = 0, and their directions (x, y, 1).
     #[inline(always)]
-    pub(super) fn rays(&self, scene: &Scene, normal: [f32; 3], s: usize) -> [[Lane; 2]; 2] {
-        let (path, patch, camera) = (self.path, self.patch, self.camera);
+    pub(super) fn rays(&self, scene: &Scene, normal: [f32; 3], row: &Row<'_>) -> [[Lane; 2]; 2] {
+        let (Row { path, sample: s, .. }, patch, camera) = (*row, self.patch, self.camera);
         let free = path.free_rays(&scene.slab, patch, camera, s);
         let (point, relative) = if let Some(rays) = free {
             (rays.point, rays.relative)
@@ -151,14 +180,14 @@ impl BundleRays {
         spans: &mut Spans,
         [sums, bare]: [&mut LaneSums; 2],
     ) -> [u32; LANES] {
-        let count = bundle.ends[2];
+        let count = bundle.rows.len();
         let (lines, w) = (&mut self.lines[..count], &mut self.w[..count]);
-        let maker = LineMaker::new(scene, view, bundle.patch, lanes, bundle.path);
-        for (s, lines) in lines.iter_mut().enumerate() {
-            *lines = maker.lines(bundle.camera, s);
+        let maker = LineMaker::new(scene, view, bundle.patch, lanes);
+        for (row, lines) in bundle.rows.iter().zip(lines.iter_mut()) {
+            *lines = maker.lines(bundle.camera, row.path, row.sample);
         }
         let found = match view.pose {
-            Pose::Aligned { extra_m } if !bundle.path.is_free() => {
+            Pose::Aligned { extra_m } if !bundle.is_free() => {
                 spans.of(scene, view, lanes, bundle, extra_m)
             }
             _ => Found::Shared(span_of_lines(view, &lanes.grid, lines).into()),
@@ -177,7 +206,7 @@ impl BundleRays {
         let is_covered = bundle.is_covered(scene) && self.cover(scene, view, bundle);
         let is_bare = bundle.feeds == Feeds::Bare;
         // Not a closure: the compiler would not inline it, and would compile it for the baseline.
-        let factors = match bundle.order {
+        let factors = match bundle.order() {
             Some(order) if !is_bare => self.weigh(scene, bundle, order),
             _ => Factors::One,
         };
@@ -219,7 +248,7 @@ impl BundleRays {
         misses
     }
 
-    /// Returns the inverse depths, 1/m, at which the rays of a bundle's first sample hit a sheet.
+    /// Returns the inverse depths, 1/m, at which the rays of a bundle's first row hit a sheet.
     pub(super) fn reach<const ISA: u8>(
         &mut self,
         scene: &Scene,
@@ -227,9 +256,9 @@ impl BundleRays {
         lanes: &ViewLanes,
         bundle: &Bundle,
     ) -> Lane {
-        let maker = LineMaker::new(scene, view, bundle.patch, lanes, bundle.path);
+        let maker = LineMaker::new(scene, view, bundle.patch, lanes);
         let (lines, w) = (&mut self.lines[..1], &mut self.w[..1]);
-        lines[0] = maker.lines(bundle.camera, 0);
+        lines[0] = maker.lines(bundle.camera, bundle.rows[0].path, bundle.rows[0].sample);
         let spans = span_of_lines(view, &lanes.grid, lines).into();
         let group = Group { lanes: &lanes.grid, spans: &spans };
         walk_bundle::<ISA>(&view.grid, |_| group, lines, &mut self.walkers, w);
@@ -239,15 +268,16 @@ impl BundleRays {
     /// Finds the effects of outline, frame and cards, from the hits of the bundle's lines. Returns false if there are none.
     #[inline(always)]
     fn cover(&mut self, scene: &Scene, view: &View, bundle: &Bundle) -> bool {
-        let count = bundle.ends[2];
-        self.overlay.begin(&scene.cover, bundle.entries(), bundle.order, count);
+        let is_t_0 = bundle.order() == Some(Order::Transmitted(0));
+        let samples = bundle.rows.iter().map(|row| row.sample);
+        self.overlay.begin(&scene.cover, bundle.entries(), is_t_0, samples);
         let mut is_covered = !bundle.entries().all_glass;
         let cards = bundle.cards(scene);
         let normal = scene.slab.normal.as_vec3().to_array();
-        for s in 0..if cards.is_empty() { 0 } else { count } {
-            let [point, direction] = bundle.rays(scene, normal, s);
-            let z_m = view_z_m(view, &self.w[s], &point, &direction);
-            is_covered |= self.overlay.lay(cards, s, &point, &direction, &z_m);
+        for (r, row) in bundle.rows.iter().enumerate().filter(|_| !cards.is_empty()) {
+            let [point, direction] = bundle.rays(scene, normal, row);
+            let z_m = view_z_m(view, &self.w[r], &point, &direction);
+            is_covered |= self.overlay.lay(cards, r, &point, &direction, &z_m);
         }
         is_covered
     }
@@ -275,76 +305,69 @@ impl BundleRays {
         }
     }
 
-    /// Computes the factors of a bundle's radiance.
+    /// Computes the factors of a bundle's radiance. `order` is that of its first row.
     #[inline(always)]
     fn weigh(&mut self, scene: &Scene, bundle: &Bundle, order: Order) -> Factors {
-        let factors = self.weigh_in_glass(scene, bundle, order);
-        if order == Order::Transmitted(0) && !bundle.camera.entries.all_glass {
-            self.hits.pass_beside(&bundle.camera.entries.glass[..bundle.ends[2]]);
-        }
-        factors
-    }
-
-    #[inline(always)]
-    fn weigh_in_glass(&mut self, scene: &Scene, bundle: &Bundle, order: Order) -> Factors {
         let (slab, camera, hits) = (&scene.slab, bundle.camera, &mut *self.hits);
-        if let Path::Rough(way) = bundle.path {
-            return hits.take_weights(&camera.rough, way, bundle.ends[2]);
-        }
-        if let (Path::Stack(table), Some(stack)) = (bundle.path, &scene.stack) {
-            return hits.weigh(table, camera, bundle.ends[2], stack.is_coloured());
-        }
-        let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
-        if bundle.carries_dropped {
-            return self.weigh_to_the_end(scene, bundle, order);
-        }
-        let (absorbs, is_bent) = (slab.absorbs_in(order), scene.bow.is_some());
-        for s in 0..bundle.ends[2] {
-            let (weight, inverse_cos_t) = if is_bent {
-                (camera.bent.weights(order, s), camera.bent.inverse_cos_t(s))
-            } else {
-                let weight = weights(order, [&rs[s], &rp[s]], [&ts[s], &tp[s]]);
-                (weight, &camera.inverse_cos_t[s])
-            };
-            hits.grey[s] = weight;
-            for c in 0..if absorbs { 3 } else { 0 } {
-                let optical_depth = (slab.absorption_per_m[c] * slab.thickness_m) as f32;
-                let colour = absorbed(&weight, order, optical_depth, inverse_cos_t);
-                for l in 0..LANES {
-                    hits.colour[s][l][c] = colour[l];
+        let is_coloured = match (bundle.rows[0].path, &scene.stack) {
+            (Path::Rough(_), _) => camera.rough.is_coloured,
+            (Path::Stack(_), Some(stack)) => stack.is_coloured(),
+            // r_0, which crosses no glass, shares no bundle with others.
+            _ => slab.absorbs_in(order) || (bundle.rows[0].carries_dropped && slab.absorbs()),
+        };
+        for (r, row) in bundle.rows.iter().enumerate() {
+            match row.path {
+                Path::Rough(way) => hits.take_weights(r, &camera.rough, way, row.sample),
+                Path::Stack(table) => hits.weigh(r, table, camera, row.sample, is_coloured),
+                _ if row.carries_dropped => {
+                    hits.set(r, weights_with_dropped(scene, camera, row), is_coloured);
                 }
+                _ => hits.set(r, weights_alone(scene, camera, row, is_coloured), is_coloured),
             }
         }
-        if absorbs { Factors::Colour } else { Factors::Grey }
-    }
-
-    /// Computes the factors of an order that has the light of all longer ones.
-    #[inline(always)]
-    fn weigh_to_the_end(&mut self, scene: &Scene, bundle: &Bundle, order: Order) -> Factors {
-        let (absorbs, hits) = (scene.slab.absorbs(), &mut *self.hits);
-        for s in 0..bundle.ends[2] {
-            let [red, green, blue] = weights_with_dropped(scene, bundle.camera, order, s);
-            if !absorbs {
-                hits.grey[s] = red;
-                continue;
-            }
-            for l in 0..LANES {
-                hits.colour[s][l] = [red[l], green[l], blue[l], 0.0];
+        if order == Order::Transmitted(0) && !camera.entries.all_glass {
+            for (r, row) in bundle.rows.iter().enumerate() {
+                hits.pass_beside(r, &camera.entries.glass[row.sample]);
             }
         }
-        if absorbs { Factors::Colour } else { Factors::Grey }
+        if is_coloured { Factors::Colour } else { Factors::Grey }
     }
 }
 
-/// Computes the weights of an order of a single layer for sample `s`, with those of all longer ones: red, green, blue.
+/// Computes the weights of an order of a single layer for a row: red, green, blue. Without colours, all are that of red.
+#[inline(always)]
+pub(super) fn weights_alone(
+    scene: &Scene,
+    camera: &CameraChunk,
+    row: &Row<'_>,
+    is_coloured: bool,
+) -> [Lane; 3] {
+    let (slab, s) = (&scene.slab, row.sample);
+    let Some(order) = row.order else { return [[1.0; LANES]; 3] };
+    let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
+    let (weight, inverse_cos_t) = if scene.bow.is_some() {
+        (camera.bent.weights(order, s), camera.bent.inverse_cos_t(s))
+    } else {
+        let weight = weights(order, [&rs[s], &rp[s]], [&ts[s], &tp[s]]);
+        (weight, &camera.inverse_cos_t[s])
+    };
+    let mut colours = [weight; 3];
+    for c in 0..if is_coloured { 3 } else { 0 } {
+        let optical_depth = (slab.absorption_per_m[c] * slab.thickness_m) as f32;
+        colours[c] = absorbed(&weight, order, optical_depth, inverse_cos_t);
+    }
+    colours
+}
+
+/// Computes the weights of an order of a single layer for a row, with those of all longer ones: red, green, blue.
 #[inline(always)]
 pub(super) fn weights_with_dropped(
     scene: &Scene,
     camera: &CameraChunk,
-    order: Order,
-    s: usize,
+    row: &Row<'_>,
 ) -> [Lane; 3] {
-    let (slab, is_bent) = (&scene.slab, scene.bow.is_some());
+    let (slab, is_bent, s) = (&scene.slab, scene.bow.is_some(), row.sample);
+    let Some(order) = row.order else { return [[1.0; LANES]; 3] };
     let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
     let weights = |tau: &Lane| {
         if is_bent {

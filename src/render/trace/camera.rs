@@ -144,9 +144,8 @@ impl CameraChunk {
         taken: &[usize],
         isa: Isa,
     ) {
-        let sampling = scene.sampling;
-        let rays =
-            CameraRays { patch, sampling, direction: &self.direction, lens: &self.lens, taken };
+        let (sampling, direction, lens) = (scene.sampling, &self.direction, &self.lens);
+        let rays = CameraRays { patch, sampling, direction, lens, taken };
         self.rough.follow(pane, &rays, isa);
     }
 

@@ -1,6 +1,6 @@
 //! Labels of a tile that no light carries: the share of a pixel that sees glass, and the depth of the front.
 
-use super::bundle::{Bundle, BundleRays, Feeds};
+use super::bundle::{Bundle, BundleRays, Feeds, Row};
 use super::camera::CameraChunk;
 use super::isa::{BASELINE, Isa};
 use super::lanes::{CHUNK, LANES, Lane};
@@ -88,8 +88,9 @@ impl Ghosts {
 
 /// Returns the share of the samples' rays that meet glass.
 fn coverage(scene: &Scene, patch: &Patch, camera: &mut CameraChunk, samples: &Range<u32>) -> Lane {
-    if scene.cover.outline.is_none() {
-        return [1.0; LANES];
+    let Some(outline) = &scene.cover.outline else { return [1.0; LANES] };
+    if let Some(is_glass) = outline.fills(&scene.slab, &scene.lens, patch.film_bounds(scene)) {
+        return [f32::from(u8::from(is_glass)); LANES];
     }
     let mut met = [0.0; LANES];
     for first in samples.clone().step_by(CHUNK) {
@@ -119,19 +120,18 @@ fn front_depth(
         taken[way] = 1;
         camera.scatter(scene, pane, patch, &taken, Isa::Baseline);
     }
+    let row = Row { sample: 0, path, order: Some(order), carries_dropped: false };
     let bundle = Bundle {
         patch,
         camera,
-        path,
-        number: 0,
+        rows: &[row],
+        group: (0, &[path]),
         samples: 1,
-        order: Some(order),
-        carries_dropped: false,
         feeds: Feeds::Bare,
         ends: [0, 0, 1],
     };
     let normal = scene.slab.normal.as_vec3().to_array();
-    let [point, direction] = bundle.rays(scene, normal, 0);
+    let [point, direction] = bundle.rays(scene, normal, &row);
     let inverse = match &scene.front {
         Surface::Sheet(view) => {
             rays.reach::<BASELINE>(scene, view, &ViewLanes::new(view, patch), &bundle)

@@ -36,6 +36,7 @@ mod cover;
 mod fetch;
 mod footprint;
 mod grid;
+mod groups;
 mod isa;
 mod labels;
 mod lanes;
@@ -80,7 +81,7 @@ pub use tile::{Tile, TileResult, trace_tile};
 pub use wave::Wave;
 
 /// Version of the tracer's results; a change of a pixel or stated error must raise it. A run rejects other versions.
-pub const TRACER_VERSION: u32 = 6;
+pub const TRACER_VERSION: u32 = 7;
 
 #[cfg(test)]
 mod tests;

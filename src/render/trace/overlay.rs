@@ -1,13 +1,12 @@
 //! Effects of outline, frame and cards on the rays of a bundle.
 
-use super::cover::{Card, Cover, Entries};
+use super::cover::{Card, Cover, Entries, Outline};
 use super::fetch::{Factors, Hits};
 use super::lanes::{CHUNK, LANES, Lane};
 use super::lines::Path;
 use super::means::LaneSums;
 use super::patch::Patch;
-use super::scene::Scene;
-use super::slab::Order;
+use super::scene::{Lens, Scene};
 
 /// Shares of the surface's radiance that reach the rays of a bundle, and radiance of the frame and of cards.
 pub(super) struct Overlay {
@@ -20,11 +19,13 @@ pub(super) struct Overlay {
 /// True if all rays of R in a patch meet glass, and no card of the back.
 pub(super) fn shows_all_of_back(scene: &Scene, patch: &Patch) -> bool {
     let outline = scene.cover.outline.as_ref();
-    outline.is_none_or(|outline| outline.is_filled_by_glass(&scene.slab, patch.film_bounds(scene)))
-        && !meets(scene, &scene.cover.cards[1], patch, Path::Pinhole)
+    let is_glass = |outline: &Outline| {
+        outline.fills(&scene.slab, &Lens::PINHOLE, patch.film_bounds(scene)) == Some(true)
+    };
+    outline.is_none_or(is_glass) && !meets(scene, &scene.cover.cards[1], patch, Path::Pinhole)
 }
 
-/// True if rays of `patch` along `path` may meet one of the `cards`.
+/// True if rays of `patch` along a path in closed form may meet one of the `cards`.
 ///
 /// A line to the point X of a card has the direction d = (X - p) / X_z, with its point p in the plane of the lens: a lens point,
 /// shifted by at most `kappa (1 + |d|)`. The film point is d plus the lens point over the focus distance.
@@ -32,14 +33,8 @@ pub(super) fn meets(scene: &Scene, cards: &[Card], patch: &Patch, path: Path<'_>
     if cards.is_empty() {
         return false;
     }
-    let (aperture_m, inverse_focus_per_m) = match path {
-        Path::Pinhole => (0.0, 0.0),
-        // Nothing bounds the directions.
-        Path::Bent(..) | Path::BentPinhole(_) | Path::WavedPinhole(_) | Path::Rough(_) => {
-            return true;
-        }
-        _ => (scene.lens.aperture_radius_m, scene.lens.inverse_focus_per_m),
-    };
+    let lens = if path.is_pinhole() { Lens::PINHOLE } else { scene.lens };
+    let Lens { aperture_radius_m: aperture_m, inverse_focus_per_m } = lens;
     let spread = aperture_m * inverse_focus_per_m;
     let film = patch.film_bounds(scene);
     let steepest = film.iter().flatten().fold(0.0, |most, v| v.abs().max(most)) + spread;
@@ -62,32 +57,32 @@ impl Overlay {
         Box::new(Self { through: [[1.0; LANES]; CHUNK], added: [[[0.0; 4]; LANES]; CHUNK] })
     }
 
-    /// Begins with the outline and the frame, for `count` samples along `order` (`None`: R's pinhole path).
+    /// Begins with the outline and the frame, for rows of these samples of a chunk; t_0 alone sees the frame.
     #[inline(always)]
     pub(super) fn begin(
         &mut self,
         cover: &Cover,
         entries: &Entries,
-        order: Option<Order>,
-        count: usize,
+        is_t_0: bool,
+        samples: impl Iterator<Item = usize>,
     ) {
         let of_frame = cover.outline.as_ref().map_or([0.0; 3], |outline| outline.frame_radiance);
-        for s in 0..count {
-            if order == Some(Order::Transmitted(0)) {
+        for (r, s) in samples.enumerate() {
+            if is_t_0 {
                 for l in 0..LANES {
                     let frame = entries.frame[s][l];
-                    self.through[s][l] = 1.0 - frame;
-                    self.added[s][l] =
+                    self.through[r][l] = 1.0 - frame;
+                    self.added[r][l] =
                         [frame * of_frame[0], frame * of_frame[1], frame * of_frame[2], 0.0];
                 }
             } else {
-                self.through[s] = entries.glass[s];
-                self.added[s] = [[0.0; 4]; LANES];
+                self.through[r] = entries.glass[s];
+                self.added[r] = [[0.0; 4]; LANES];
             }
         }
     }
 
-    /// Lays the cards over the surface for sample `s`, which has these points in the plane z = 0, directions (x, y, 1), and z
+    /// Lays the cards over the surface for row `s`, which has these points in the plane z = 0, directions (x, y, 1), and z
     /// of the surface. Returns false if no ray meets a card.
     #[inline(always)]
     pub(super) fn lay(
@@ -100,7 +95,10 @@ impl Overlay {
     ) -> bool {
         let mut meets = false;
         // Neither the frame nor rays that end at the edge show a card.
-        let ends = self.through[s].map(|through| through == 0.0);
+        let mut ends = [false; LANES];
+        for l in 0..LANES {
+            ends[l] = self.through[s][l] == 0.0;
+        }
         for card in cards {
             let (at, hit) = card.hits(point, direction, surface_z_m);
             if hit.iter().all(|hit| *hit == 0) {

@@ -2,10 +2,23 @@
 
 use super::lanes::{LANES, Lane};
 use super::sampler::{PixelSeed, SeedLanes};
-use super::scene::Scene;
+use super::scene::{FilmPlane, Scene};
 
 /// Width and height of a patch, px. Patches begin at multiples of this length, wherever a tile begins.
 pub(super) const PATCH_PX: u32 = 4;
+
+/// Returns the corners of up to `count` x `count` patches that lie all over a film.
+pub(super) fn all_over(film: &FilmPlane, count: u32) -> Vec<(u32, u32)> {
+    let corners = |length_px: u32| {
+        let last = length_px.saturating_sub(1) / PATCH_PX;
+        let mut corners: Vec<u32> = (0..count).map(|i| last * i / (count - 1) * PATCH_PX).collect();
+        corners.dedup();
+        corners
+    };
+    let columns = corners(film.width);
+    let rows = corners(film.height).into_iter();
+    rows.flat_map(|y| columns.iter().map(move |x| (*x, y))).collect()
+}
 
 /// A patch of 4 x 4 px: lane l is pixel (l % 4, l / 4). Lanes beyond the film are traced, but count nowhere.
 pub(super) struct Patch {

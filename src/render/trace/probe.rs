@@ -135,8 +135,8 @@ impl<'a> BundleProbe<'a> {
                 let patch = Patch::new(scene, x, y);
                 camera.fill(scene, &patch, 0, CHUNK);
                 let lanes = ViewLanes::new(view, &patch);
-                let maker = LineMaker::new(scene, view, &patch, &lanes, path);
-                let lines = std::array::from_fn(|s| maker.lines(&camera, s));
+                let maker = LineMaker::new(scene, view, &patch, &lanes);
+                let lines = std::array::from_fn(|s| maker.lines(&camera, path, s));
                 bundles.push(Bundle { corner: patch.corner, grid: lanes.grid, lines });
             }
         }
@@ -150,7 +150,7 @@ impl<'a> BundleProbe<'a> {
             Pose::Aligned { extra_m } if !self.path.is_free() => {
                 let [x, y] = bundle.corner;
                 let area = Area::new(self.scene, x, y, PATCH_PX);
-                span_of_area(self.scene, self.view, self.path, &area, extra_m, true).0
+                span_of_area(self.scene, self.view, &[self.path], &area, extra_m, true).0
             }
             _ => span_of_lines(self.view, &bundle.grid, &bundle.lines),
         }

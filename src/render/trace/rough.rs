@@ -24,6 +24,7 @@
 //! the last order of its side ([`tree`]).
 
 mod arrive;
+mod coat;
 mod escape;
 mod faces;
 mod facet;
@@ -42,13 +43,12 @@ pub(super) use rays::{CameraRays, RoughRays};
 pub use visible::{visible_share, visible_shift};
 
 use super::bow::Bow;
-use super::lanes::{floor, max, min};
 use super::orders::OrderPlan;
 use super::slab::{Order, Slab};
 use super::smudges::{SmudgeLanes, Smudges};
-use super::stack::{Exit, Stack};
+use super::stack::{Coating, Exit, Stack};
 use super::wave::{Wave, WaveLanes};
-use crate::curve::Curve;
+use coat::Coat;
 use faces::{Crests, Faces};
 use glam::{DMat3, DVec3, Vec3};
 use paths::{select, straight};
@@ -68,6 +68,7 @@ pub struct RoughPane {
     paths: Vec<Vec<Meeting>>,
     joined: Joined,
     light: Light,
+    coats: Vec<Coat>,
     search_was_bounded: bool,
     smudges: Option<SmudgeLanes>,
     /// Two directions that span the pane's plane at the pivot, and its normal, which points away from the lens.
@@ -85,7 +86,7 @@ pub struct RoughPane {
     is_coloured: bool,
 }
 
-/// The ways of paths: orders of the front, then of the back.
+/// The ways of paths: orders of the front, then of the back. The last of a side has the light of cuts.
 #[derive(Clone, Debug, PartialEq)]
 struct Joined {
     /// Way of each path.
@@ -93,15 +94,38 @@ struct Joined {
     /// Number of ways of the front, and of both sides.
     of_front: usize,
     count: usize,
+    /// The ways of the light of cuts to the front and to the back.
+    rests: [Option<Rest>; 2],
     /// Bounds of the light that paths move to another line of the front and of the back, linear radiance.
     moved: [f64; 2],
 }
 
+/// The way of the light of cuts. It has the line of another, but its own number of samples: else all meetings of the tree, most of which
+/// carry little light, would be followed for as many samples as the other's light needs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Rest {
+    way: usize,
+    /// The way with the line.
+    line: usize,
+}
+
 impl Joined {
-    /// Returns the last ways of the front and of the back.
-    fn last(&self) -> [Option<usize>; 2] {
-        [(0, self.of_front), (self.of_front, self.count)]
-            .map(|(from, to)| (to > from).then(|| to - 1))
+    /// Numbers the ways of paths with these orders, which are counted on each side.
+    fn new(orders: [&[usize]; 2], has_cuts: bool, moved: [f64; 2]) -> Self {
+        let mut joined = Self { ways: vec![], of_front: 0, count: 0, rests: [None; 2], moved };
+        for (side, orders) in orders.into_iter().enumerate() {
+            let first = joined.count;
+            joined.ways.extend(orders.iter().map(|order| first + order));
+            joined.count += orders.iter().max().map_or(0, |last| last + 1);
+            if has_cuts && joined.count > first {
+                joined.rests[side] = Some(Rest { way: joined.count, line: joined.count - 1 });
+                joined.count += 1;
+            }
+            if side == 0 {
+                joined.of_front = joined.count;
+            }
+        }
+        joined
     }
 }
 
@@ -154,9 +178,8 @@ struct Step {
     is_rough: bool,
     /// Indices of refraction before and behind the face, as the light travels.
     ior: [f32; 2],
-    is_coated: bool,
-    /// Transmittance and reflectance of a coated face.
-    coatings: [Option<Coated>; 2],
+    /// Number of the coating of the face, for light in this direction.
+    coat: Option<usize>,
     /// 1 for light that travels away from the camera before the face, else -1.
     inward_sign: f32,
     /// Distance along the normal from the face before it, m; positive away from the lens. Unused at the first step.
@@ -169,39 +192,6 @@ struct Step {
     /// Absorption coefficients of the layer crossed on the way, per metre.
     absorption_per_m: [f32; 3],
     absorbs: bool,
-}
-
-/// A share of a coated face as a function of the cosine of the camera ray's incidence: facets change
-/// Fresnel's shares, but not those of coatings.
-#[derive(Clone, Debug, PartialEq)]
-struct Coated {
-    /// Shares at equal steps of the cosine from 0 to 1, or at all angles.
-    rows: Vec<[f32; 3]>,
-}
-
-impl Coated {
-    /// Steps of the cosine. Linear interpolation between them is exact to some 1e-5 for a coating with rows every ten degrees.
-    const STEPS: u32 = 256;
-
-    fn new(share: &Curve) -> Self {
-        let at = |cos: f64| share.at(cos).map(|share| share as f32);
-        let steps = if share.is_constant() { 0 } else { Self::STEPS };
-        let rows = (0..=steps).map(|i| at(f64::from(i) / f64::from(Self::STEPS))).collect();
-        Self { rows }
-    }
-
-    /// Returns the share of a colour.
-    #[inline(always)]
-    fn at(&self, colour: usize, cos: f32) -> f32 {
-        if self.rows.len() == 1 {
-            return self.rows[0][colour];
-        }
-        let (whole, index) = floor(min(max(cos, 0.0), 1.0) * Self::STEPS as f32);
-        let index = (index as usize).min(self.rows.len() - 2);
-        let [from, to] = [self.rows[index][colour], self.rows[index + 1][colour]];
-        let within = cos * Self::STEPS as f32 - whole;
-        from + (to - from) * within
-    }
 }
 
 impl RoughPane {
@@ -242,13 +232,14 @@ impl RoughPane {
         let faces = |alphas| Faces { stack, alphas, least_cos, turned: of_shape, crests, azimuth };
         let mut shares = MeanShares::default();
         let selection = select(&faces(&largest), &mut shares, between, max_radiance, tolerance);
-        let of_front = selection.sides[0].len();
-        let count = of_front + selection.sides[1].len();
+        let orders = selection.sides.each_ref().map(|paths| (0..paths.len()).collect::<Vec<_>>());
+        let count = orders[0].len() + orders[1].len();
         let tree = Tree::new(&selection.sides);
         let mut light = measure(&faces(alphas), &mut shares, &tree, count, between);
         if smeared != alphas {
             light = light.or(measure(&faces(&smeared), &mut shares, &tree, count, between));
         }
+        let joined = Joined::new(orders.each_ref().map(Vec::as_slice), tree.cuts > 0, [0.0; 2]);
         let of_faces: Vec<[f64; 2]> =
             alphas.iter().zip(&smeared).map(|(clean, smeared)| [*clean, *smeared]).collect();
         let maker = StepMaker { stack, curvature_per_m, turned: &turned };
@@ -256,16 +247,17 @@ impl RoughPane {
         let straight = shape.is_free().then(|| {
             let meetings = straight(alphas.len());
             let smooth = vec![[0.0; 2]; alphas.len()];
-            maker.chain(&smooth, &meetings, count)
+            maker.chain(&smooth, &meetings)
         });
-        let joined = Joined { ways: (0..count).collect(), of_front, count, moved: [0.0; 2] };
-        let pane = Self {
-            program: maker.program(&of_faces, &tree, &light, &joined),
+        let program = maker.program(&of_faces, &tree, &light, orders[0].len());
+        let mut pane = Self {
+            program,
             shares_t_0: straight.is_some() && is_smooth,
             straight,
             paths: selection.sides.into_iter().flatten().map(|path| path.meetings).collect(),
             joined,
             light,
+            coats: coats(stack),
             search_was_bounded: selection.was_bounded,
             smudges: shape.smudges.map(|smudges| smudges.lanes([axes[0], axes[1]])),
             axes: axes.map(DVec3::as_vec3),
@@ -276,6 +268,7 @@ impl RoughPane {
             curvature_per_m: curvature_per_m as f32,
             is_coloured: stack.is_coloured(),
         };
+        pane.number_ways();
         let plan = pane.plan(max_radiance, tolerance);
         (pane, plan)
     }
@@ -283,16 +276,17 @@ impl RoughPane {
     /// Plans the orders of the ways.
     fn plan(&self, max_radiance: [f64; 2], tolerance: f64) -> OrderPlan {
         let Light { max_weights, peaks, cut_peaks, dropped, shadowed, .. } = &self.light;
+        let has_facets = self.program.meets.iter().any(|meet| meet.step.is_rough);
         let mut ways = vec![(0.0, 0.0); self.joined.count];
         for ((weight, peak), way) in max_weights.iter().zip(peaks).zip(&self.joined.ways) {
             ways[*way].0 += weight;
-            ways[*way].1 += peak;
+            // Without facets, no ray is rare: weights differ as the places on the film do.
+            ways[*way].1 += if has_facets { *peak } else { *weight };
         }
-        // The last order carries the light of cuts, too.
-        for (side, way) in self.joined.last().into_iter().enumerate() {
-            if let Some(way) = way {
-                ways[way].0 += dropped[side];
-                ways[way].1 += cut_peaks[side];
+        for (side, rest) in self.joined.rests.iter().enumerate() {
+            if let Some(Rest { way, .. }) = rest {
+                let peak = if has_facets { cut_peaks[side] } else { dropped[side] };
+                ways[*way] = (dropped[side], peak);
             }
         }
         let (front, back) = ways.split_at(self.joined.of_front);
@@ -304,18 +298,28 @@ impl RoughPane {
         plan
     }
 
-    /// Gives paths these ways in place of one for each.
-    fn join(&mut self, joined: Joined) {
-        self.program.renumber(&joined.ways, joined.last());
-        if let Some(straight) = &mut self.straight {
-            straight.renumber(&vec![joined.count; self.joined.count + 1], [None; 2]);
-        }
-        self.joined = joined;
+    /// Gives paths of the front and of the back these orders in place of one for each.
+    fn join(&mut self, orders: [&[usize]; 2], moved: [f64; 2]) {
+        let has_cuts = self.joined.rests != [None; 2];
+        self.joined = Joined::new(orders, has_cuts, moved);
+        self.number_ways();
     }
 
-    /// Returns the faces that each path of an order meets; `index` is that of the order among the followed ones of its side.
+    /// Gives the ways in the programs their numbers.
+    fn number_ways(&mut self) {
+        self.program.number(&self.joined);
+        if let Some(straight) = &mut self.straight {
+            let way = if self.shares_t_0 { 0 } else { self.joined.count };
+            straight.number_all(way);
+        }
+    }
+
+    /// Returns the faces that each path of an order meets, or of the order whose line it has; `index` is that of the order among the followed
+    /// ones of its side.
     pub fn paths(&self, order: Order, index: usize) -> Vec<&[Meeting]> {
         let way = self.way(order, index);
+        let rest = self.joined.rests.iter().flatten().find(|rest| rest.way == way);
+        let way = rest.map_or(way, |rest| rest.line);
         let of = self.paths.iter().zip(&self.joined.ways).filter(|(_, of)| **of == way);
         of.map(|(path, _)| path.as_slice()).collect()
     }
@@ -359,6 +363,13 @@ impl RoughPane {
         index + if is_back { self.joined.of_front } else { 0 }
     }
 
+    /// Raises the number of samples of the ways that lend others their lines.
+    pub(super) fn serve_rests(&self, taken: &mut [usize]) {
+        for rest in self.joined.rests.iter().flatten() {
+            taken[rest.line] = taken[rest.line].max(taken[rest.way]);
+        }
+    }
+
     /// Returns the number of ways: those of the orders, and that of T.
     pub(super) fn ways(&self) -> usize {
         self.joined.count + 1
@@ -378,13 +389,24 @@ struct StepMaker<'a> {
     turned: &'a [DMat3],
 }
 
+/// Returns the coatings of all faces, each for light towards the camera and away from it.
+fn coats(stack: &Stack) -> Vec<Coat> {
+    let coatings = stack.coatings().iter().flatten();
+    let of = |inward| {
+        move |coating: &Coating| {
+            Coat::new([false, true].map(|reflects| coating.share(inward, reflects)))
+        }
+    };
+    coatings.flat_map(|coating| [of(false)(coating), of(true)(coating)]).collect()
+}
+
 impl StepMaker<'_> {
-    /// Prepares a tree.
-    fn program(&self, alphas: &[[f64; 2]], tree: &Tree, light: &Light, joined: &Joined) -> Program {
+    /// Prepares a tree. Its first paths, `of_front`, lead to the front.
+    fn program(&self, alphas: &[[f64; 2]], tree: &Tree, light: &Light, of_front: usize) -> Program {
         let target = |branch: &Branch| match *branch {
             Branch::To(next) => Target::To(next),
-            Branch::Leaf(way) => {
-                Target::Leaf { way, is_front: way < joined.of_front, joins: false }
+            Branch::Leaf(path) => {
+                Target::Leaf { path, way: path, is_front: path < of_front, joins: false }
             }
             Branch::Cut(cut) => {
                 Target::Cut(light.divisions[cut].map(|division| division.map(|of| of as f32)))
@@ -395,18 +417,18 @@ impl StepMaker<'_> {
             depth: node.depth,
             branches: node.branches.each_ref().map(target),
         };
-        Program { meets: tree.nodes.iter().map(meet).collect(), last: joined.last() }
+        Program { meets: tree.nodes.iter().map(meet).collect(), rests: [None; 2] }
     }
 
-    /// Prepares a single path along a way.
-    fn chain(&self, alphas: &[[f64; 2]], meetings: &[Meeting], way: usize) -> Program {
+    /// Prepares a single path.
+    fn chain(&self, alphas: &[[f64; 2]], meetings: &[Meeting]) -> Program {
         let mut before = None;
         let meets = meetings.iter().enumerate().map(|(depth, meeting)| {
             let step = self.step(alphas[meeting.face], meeting.face, meeting.inward, before);
             before = Some(meeting.face);
             let on = if depth + 1 == meetings.len() {
                 let is_front = meeting.exit() == Exit::Transmitted;
-                Target::Leaf { way, is_front, joins: false }
+                Target::Leaf { path: 0, way: 0, is_front, joins: false }
             } else {
                 Target::To(depth + 1)
             };
@@ -414,16 +436,15 @@ impl StepMaker<'_> {
             branches[usize::from(meeting.reflects)] = on;
             Meet { step, depth, branches }
         });
-        Program { meets: meets.collect(), last: [None; 2] }
+        Program { meets: meets.collect(), rests: [None; 2] }
     }
 
     fn step(&self, alphas: [f64; 2], face: usize, inward: bool, before: Option<usize>) -> Step {
         let stack = self.stack;
         let [near, far] = stack.iors(face);
         let ior = if inward { [near, far] } else { [far, near] };
-        let coating = stack.coatings()[face].as_ref();
-        let coatings = [false, true]
-            .map(|reflects| coating.map(|coating| Coated::new(coating.share(inward, reflects))));
+        let number = |face: usize| stack.coatings()[..face].iter().flatten().count();
+        let coat = stack.coatings()[face].as_ref().map(|_| 2 * number(face) + usize::from(inward));
         let [from_m, to_m] = [before.unwrap_or(0), face].map(|face| stack.depth_m(face));
         let crossed = before.map(|before| &stack.layers()[before.min(face)]);
         let of_sphere = |m: f64| 2.0 * m + self.curvature_per_m * m * m;
@@ -433,8 +454,7 @@ impl StepMaker<'_> {
             alphas: alphas.map(|alpha| alpha as f32),
             is_rough: alphas != [0.0; 2],
             ior: ior.map(|ior| ior as f32),
-            is_coated: coating.is_some(),
-            coatings,
+            coat,
             inward_sign: if inward { 1.0 } else { -1.0 },
             travel_m: (to_m - from_m) as f32,
             origin: Vec3::Z * to_m as f32,

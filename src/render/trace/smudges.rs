@@ -85,6 +85,7 @@ pub(super) struct SmudgeLanes {
 impl SmudgeLanes {
     /// Returns the share of the light that meets the smear at a point in the coordinates of the pane's frame: bilinear between the
     /// centres of texels.
+    #[inline(always)]
     pub(super) fn share(&self, p: Vec3) -> f32 {
         let at = [0, 1].map(|k| self.texel[k][0] * p.x + self.texel[k][1] * p.y + self.pivot[k]);
         let rows = self.shares.len() as i32 / self.columns;

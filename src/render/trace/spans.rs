@@ -35,24 +35,24 @@ impl OfPixel {
     }
 }
 
-/// Newest spans of a path.
-struct OfPath {
+/// Newest spans of a group of orders.
+struct OfGroup {
     /// For each column of squares, the row of the newest square, its span and the travel of its lines, px.
     squares: Vec<Option<(u32, Span, f32)>>,
     /// The newest patch whose pixels have their own spans, by its corner.
     pixels: Option<([u32; 2], Box<[OfPixel; LANES]>)>,
 }
 
-/// Spans of the paths of a scene. The choice of a span depends only on scene, patch and range of samples, so pixels do not depend
+/// Spans of the groups of orders of a scene. The choice of a span depends only on scene, patch and range of samples, so pixels do not depend
 /// on tiles, even if a hit at the end of a span were to.
-pub(super) struct Spans(Vec<OfPath>);
+pub(super) struct Spans(Vec<OfGroup>);
 
 impl Spans {
-    /// Makes room for the spans of `paths` paths.
-    pub(super) fn new(scene: &Scene, paths: usize) -> Self {
+    /// Makes room for the spans of this number of groups.
+    pub(super) fn new(scene: &Scene, groups: usize) -> Self {
         let columns = scene.film.width.div_ceil(SQUARE_PX) as usize;
-        let path = |_| OfPath { squares: vec![None; columns], pixels: None };
-        Self((0..paths).map(path).collect())
+        let group = |_| OfGroup { squares: vec![None; columns], pixels: None };
+        Self((0..groups).map(group).collect())
     }
 
     /// Returns the spans of a bundle in a view with an aligned pose.
@@ -65,15 +65,16 @@ impl Spans {
         bundle: &Bundle,
         extra_m: f64,
     ) -> Found<'_> {
-        let of_path = &mut self.0[bundle.number];
+        let (number, paths) = bundle.group;
+        let of_group = &mut self.0[number];
         let corner = bundle.patch.corner;
-        let may_pass_beside = scene.cover.may_pass_beside(bundle.order);
+        let may_pass_beside = scene.cover.may_pass_beside(bundle.order());
         let find = |x: u32, y: u32, side_px: u32| {
             let area = Area::new(scene, x, y, side_px);
-            span_of_area(scene, view, bundle.path, &area, extra_m, may_pass_beside)
+            span_of_area(scene, view, paths, &area, extra_m, may_pass_beside)
         };
         let [column, row] = corner.map(|v| v / SQUARE_PX);
-        let square = &mut of_path.squares[column as usize];
+        let square = &mut of_group.squares[column as usize];
         let (span, travel_px) = match square {
             Some((of_row, span, travel_px)) if *of_row == row => (*span, *travel_px),
             _ => {
@@ -87,16 +88,16 @@ impl Spans {
         if is_short || bundle.ends[2] < CHUNK {
             return Found::Shared(span.into());
         }
-        if of_path.pixels.as_ref().is_none_or(|(of_corner, _)| *of_corner != corner) {
+        if of_group.pixels.as_ref().is_none_or(|(of_corner, _)| *of_corner != corner) {
             let pixels = std::array::from_fn(|l| {
                 let (x, y) = (l as u32 % PATCH_PX, l as u32 / PATCH_PX);
                 let (span, _) = find(corner[0] + x, corner[1] + y, 1);
                 let base = [0, 1].map(|k| [lanes.grid.base[k][l]; LANES]);
                 OfPixel { lanes: GridLanes::new(&view.grid, base), spans: span.into() }
             });
-            of_path.pixels = Some((corner, Box::new(pixels)));
+            of_group.pixels = Some((corner, Box::new(pixels)));
         }
-        let (_, pixels) = of_path.pixels.as_ref().expect("set above");
+        let (_, pixels) = of_group.pixels.as_ref().expect("set above");
         Found::OfPixels(pixels)
     }
 }

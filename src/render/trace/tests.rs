@@ -396,12 +396,13 @@ fn footprints_and_spans_are_conservative() {
                     let slope = scene.slab.kappa_m(order, 1.0) - constant;
                     let path = Path::Lens { constant, slope };
                     let lanes = ViewLanes::new(view, &patch);
-                    let maker = LineMaker::new(&scene, view, &patch, &lanes, path);
-                    let lines: Vec<Lines> = (0..CHUNK).map(|s| maker.lines(&camera, s)).collect();
+                    let maker = LineMaker::new(&scene, view, &patch, &lanes);
+                    let lines: Vec<Lines> =
+                        (0..CHUNK).map(|s| maker.lines(&camera, path, s)).collect();
                     let out_at = |w: f32| match &view.pose {
                         Pose::Aligned { extra_m } => {
                             let (form, base) =
-                                closed_form(&scene, view, path, &area, *extra_m, false);
+                                closed_form(&scene, view, &[path], &area, *extra_m, false);
                             escape((&form, base), &lanes, &lines, w)
                         }
                         Pose::General { .. } => {
@@ -417,7 +418,7 @@ fn footprints_and_spans_are_conservative() {
                     }
                     let found = match &view.pose {
                         Pose::Aligned { extra_m } => {
-                            span_of_area(&scene, view, path, &area, *extra_m, false).0
+                            span_of_area(&scene, view, &[path], &area, *extra_m, false).0
                         }
                         Pose::General { .. } => span_of_lines(view, &lanes.grid, &lines),
                     };

@@ -12,19 +12,18 @@
 //! F and B are the radiances of the front and the back photograph at the line's first hit with the sheet (or mesh) of
 //! each. A path ends at this hit, because a photograph has the radiance that leaves the surface (Eq. 1 of the paper).
 //!
-//! A bundle is the rays of up to sixteen samples of the sixteen pixels of a patch, along one order. Lanes are pixels, so
-//! that no lane is idle if pixels take few samples.
+//! A bundle is up to sixteen rays of each of the sixteen pixels of a patch, along the orders of a group ([`super::groups`]).
 
-use super::bundle::{Bundle, BundleRays, Feeds};
+use super::bundle::{Bundle, BundleRays, Feeds, Row};
 use super::camera::CameraChunk;
+use super::groups::{Group, Groups};
 use super::isa::Isa;
 use super::lanes::{CHUNK, LANES};
-use super::lines::{Path, ViewLanes, path_of, pinhole_path, smooth_path_of};
+use super::lines::{Path, ViewLanes};
 use super::means::{
     Components, LaneSums, Means, NO_SUMS, NOTHING, Wanted, add_means_of, ends_in_block,
 };
 use super::mesh;
-use super::orders::FollowedOrder;
 use super::patch::Patch;
 use super::rough::RoughPane;
 use super::sampler::BLOCK;
@@ -41,10 +40,13 @@ use std::ops::Range;
 /// `ISA` selects the kernels; only functions compiled for an instruction set name it.
 pub(super) struct Tracer<'a, const ISA: u8> {
     scene: &'a Scene,
+    groups: Groups<'a>,
     camera: Box<CameraChunk>,
     rays: Box<BundleRays>,
     spans: Spans,
-    /// Sums of the current block of samples: of the orders of the front and of the back, of T and of R.
+    /// Rows of the current chunk and group.
+    rows: Vec<Row<'a>>,
+    /// Sums of the current block of samples: of the groups of the front and of the back, of T and of R.
     sums: Vec<LaneSums>,
     /// Sums of all blocks, in the same order.
     totals: Vec<LaneSums>,
@@ -63,6 +65,17 @@ struct Place {
     live: [bool; LANES],
 }
 
+/// What a chunk is traced along.
+#[derive(Clone, Copy)]
+enum Followed {
+    /// A group of a side, by its number.
+    Orders(usize, usize),
+    /// The path of T.
+    Bare,
+    /// The path of R.
+    Clean,
+}
+
 /// Sizes of a range of samples: their number, the number of a block and of R's.
 #[derive(Clone, Copy)]
 struct Counts {
@@ -75,8 +88,8 @@ impl Counts {
     /// Returns the number of samples of an order in a chunk that are in the first quarter, in the first half and in all of its samples.
     /// `before` is the first sample of the chunk's block, and `first` its own.
     #[inline(always)]
-    fn ends(self, followed: &FollowedOrder, [before, first]: [u32; 2]) -> [usize; 3] {
-        let of_block = followed.samples_of_block(self.block);
+    fn ends(self, group: &Group<'_>, [before, first]: [u32; 2]) -> [usize; 3] {
+        let of_block = group.samples_of_block(self.block);
         let within = |end: u32| end.saturating_sub(first - before).min(CHUNK as u32) as usize;
         ends_in_block(of_block, before / self.block, self.all / self.block).map(within)
     }
@@ -84,12 +97,15 @@ impl Counts {
 
 impl<'a, const ISA: u8> Tracer<'a, ISA> {
     pub(super) fn new(scene: &'a Scene) -> Self {
-        let sums = scene.orders.front.len() + scene.orders.back.len() + 2;
+        let groups = Groups::new(scene);
+        let sums = groups.count();
         Self {
             scene,
+            groups,
             camera: CameraChunk::new(),
             rays: BundleRays::new(),
             spans: Spans::new(scene, sums),
+            rows: vec![],
             sums: vec![NO_SUMS; sums],
             totals: vec![NO_SUMS; sums],
             taken: vec![0; scene.rough.as_ref().map_or(0, RoughPane::ways)],
@@ -137,9 +153,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
                 if wanted.clean {
                     let within = |end: u32| end.saturating_sub(first).min(taken) as usize;
                     let ends = [clean / 4, clean / 2, clean].map(within);
-                    let sums = self.sums.len() - 1;
-                    let path = (pinhole_path(scene), None, Feeds::Order);
-                    self.follow(&place, path, sums, clean, ends);
+                    self.follow(&place, Followed::Clean, Feeds::Order, clean, ends);
                 }
             }
             if counts.block == all {
@@ -170,68 +184,68 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         [before, first]: [u32; 2],
     ) {
         let scene = self.scene;
-        let orders = &scene.orders;
         let blocks = counts.all / counts.block;
-        // T needs only the first order of the front, t_0.
+        // T needs only the first group of the front, t_0.
         let of_front = match (wanted.front, wanted.bare) {
-            (true, _) => orders.front.len(),
+            (true, _) => self.groups.sides[0].len(),
             (false, bare) => usize::from(bare),
         };
-        let of_back = orders.back.len() * usize::from(wanted.back);
-        let number = |k: usize| match k.checked_sub(of_front) {
-            None => (&orders.front[k], k),
-            Some(k) => (&orders.back[k], orders.front.len() + k),
-        };
-        let ends_of = |followed: &FollowedOrder| counts.ends(followed, [before, first]);
+        let of_back = self.groups.sides[1].len() * usize::from(wanted.back);
+        let ends_of = |group: &Group<'_>| counts.ends(group, [before, first]);
         if let Some(pane) = &scene.rough {
             let mut taken = std::mem::take(&mut self.taken);
             taken.fill(0);
-            for (followed, way) in (0..of_front + of_back).map(number) {
-                taken[way] = ends_of(followed)[2];
+            let [front, back] = &self.groups.sides;
+            for group in front[..of_front].iter().chain(&back[..of_back]) {
+                for path in &group.paths {
+                    if let Path::Rough(way) = path {
+                        taken[*way] = ends_of(group)[2];
+                    }
+                }
             }
             if let (Some(way), true) = (pane.straight(), wanted.bare) {
-                taken[way] = ends_of(&orders.front[0])[2];
+                taken[way] = ends_of(&self.groups.bare)[2];
             }
+            pane.serve_rests(&mut taken);
             self.camera.scatter(scene, pane, &place.patch, &taken, Isa::numbered(ISA));
             self.taken = taken;
         }
-        for k in 0..of_front + of_back {
-            let (followed, sums) = number(k);
-            let (of_block, ends) = (followed.samples_of_block(counts.block), ends_of(followed));
-            let feeds = match followed.order {
-                // T sees through the smooth pane.
-                Order::Transmitted(0)
-                    if scene.rough.as_ref().is_some_and(|pane| !pane.shares_t_0()) =>
-                {
-                    if wanted.bare {
-                        let path = smooth_path_of(scene, followed.order, 0);
-                        let path = (path, Some(followed), Feeds::Bare);
-                        self.follow(place, path, sums, of_block * blocks, ends);
+        for (side, count) in [of_front, of_back].into_iter().enumerate() {
+            for index in 0..count {
+                let group = &self.groups.sides[side][index];
+                let ends = ends_of(group);
+                let samples = group.samples_of_block(counts.block) * blocks;
+                let is_t_0 = group.rows[0].order == Some(Order::Transmitted(0));
+                let shares_t_0 = scene.rough.as_ref().is_none_or(RoughPane::shares_t_0);
+                let feeds = match (is_t_0, wanted.front, wanted.bare) {
+                    // T sees through the smooth pane.
+                    (true, is_wanted, bare) if !shares_t_0 => {
+                        if bare {
+                            self.follow(place, Followed::Bare, Feeds::Bare, samples, ends);
+                        }
+                        if !is_wanted {
+                            continue;
+                        }
+                        Feeds::Order
                     }
-                    if !wanted.front {
-                        continue;
-                    }
-                    Feeds::Order
-                }
-                // T receives t_0 even if the scene does not request T: the request must not affect I's bits.
-                Order::Transmitted(0) if wanted.front => Feeds::Both,
-                Order::Transmitted(0) if wanted.bare => Feeds::Bare,
-                _ => Feeds::Order,
-            };
-            let index = k.checked_sub(of_front).unwrap_or(k);
-            let path = (path_of(scene, followed.order, index), Some(followed), feeds);
-            self.follow(place, path, sums, of_block * blocks, ends);
+                    // T receives t_0 even if the scene does not request T: the request must not affect I's bits.
+                    (true, true, _) => Feeds::Both,
+                    (true, false, true) => Feeds::Bare,
+                    _ => Feeds::Order,
+                };
+                self.follow(place, Followed::Orders(side, index), feeds, samples, ends);
+            }
         }
     }
 
-    /// Traces the current chunk along one order (or R's pinhole path), and adds its radiance to the sums with index `sums`. A
-    /// pixel takes `samples` along this path in all chunks.
+    /// Traces the current chunk along the paths of a group, and adds its radiance to the sums of it. A pixel takes `samples` along each of its
+    /// paths in all chunks, and those up to `ends` in this one.
     #[inline(always)]
     fn follow(
         &mut self,
         place: &Place,
-        (path, followed, feeds): (Path<'_>, Option<&FollowedOrder>, Feeds),
-        sums: usize,
+        followed: Followed,
+        feeds: Feeds,
         samples: u32,
         ends: [usize; 3],
     ) {
@@ -239,66 +253,77 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
             return;
         }
         let scene = self.scene;
-        let order = followed.map(|followed| followed.order);
+        let [front, back] = &self.groups.sides;
+        let (number, group) = match followed {
+            Followed::Orders(0, index) => (index, &front[index]),
+            Followed::Orders(_, index) => (front.len() + index, &back[index]),
+            Followed::Bare => (self.sums.len() - 2, &self.groups.bare),
+            Followed::Clean => (self.sums.len() - 1, &self.groups.clean),
+        };
+        let (order, orders) = (group.rows[0].order, group.rows.len());
         let is_hidden = match order {
             Some(Order::Transmitted(0)) => false,
             Some(_) => !self.camera.entries.any_glass,
             None => !self.camera.pinhole_entries.any_glass,
         };
         if is_hidden {
-            self.count_paths(place, order, feeds, ends[2], &[0; LANES]);
+            self.count_paths(place, order, feeds, orders * ends[2], &[0; LANES]);
             return;
         }
         let side = usize::from(!matches!(order, Some(Order::Transmitted(_))));
-        let bundle = Bundle {
-            patch: &place.patch,
-            camera: &self.camera,
-            number: sums,
-            samples,
-            path,
-            order,
-            carries_dropped: followed.is_some_and(|followed| followed.carries_dropped),
-            feeds,
-            ends,
-        };
+        group.list(ends, &mut self.rows);
         let bare = self.sums.len() - 2;
+        let sums = if feeds == Feeds::Bare { 0 } else { number };
         let [sums, bare] = self.sums.get_disjoint_mut([sums, bare]).expect("T has its own sums");
-        let misses = match ([&scene.front, &scene.back][side], &place.views[side]) {
-            (Surface::Sheet(view), Some(lanes)) => {
-                let (spans, rays) = (&mut self.spans, &mut self.rays);
-                rays.follow::<ISA>(scene, view, lanes, &bundle, spans, [sums, bare])
+        let mut misses = [0; LANES];
+        for (k, rows) in self.rows.chunks(CHUNK).enumerate() {
+            let start = k * CHUNK;
+            let within = |end: usize| (orders * end).saturating_sub(start).min(rows.len());
+            let bundle = Bundle {
+                patch: &place.patch,
+                camera: &self.camera,
+                rows,
+                group: (number, &group.paths),
+                samples: samples * orders as u32,
+                feeds,
+                ends: [within(ends[0]), within(ends[1]), within(ends[2])],
+            };
+            let missed = match ([&scene.front, &scene.back][side], &place.views[side]) {
+                (Surface::Sheet(view), Some(lanes)) => {
+                    let (spans, rays) = (&mut self.spans, &mut self.rays);
+                    rays.follow::<ISA>(scene, view, lanes, &bundle, spans, [&mut *sums, &mut *bare])
+                }
+                (Surface::Mesh(mesh), _) => {
+                    mesh::follow(scene, mesh, &bundle, Isa::numbered(ISA), sums, bare)
+                }
+                (Surface::Sheet(_), None) => unreachable!("each sheet has coordinates"),
+            };
+            for l in 0..LANES {
+                misses[l] += missed[l];
             }
-            (Surface::Mesh(mesh), _) => {
-                mesh::follow(scene, mesh, &bundle, Isa::numbered(ISA), sums, bare)
-            }
-            (Surface::Sheet(_), None) => unreachable!("each sheet has coordinates"),
-        };
-        self.count_paths(place, order, feeds, ends[2], &misses);
+        }
+        self.count_paths(place, order, feeds, orders * ends[2], &misses);
     }
 
     /// Returns the components of pixel `l`, from the sums of all blocks.
     #[inline(always)]
     fn components_of(&self, l: usize, counts: Counts) -> Components {
-        let (orders, first_alone) = (&self.scene.orders, self.scene.first_reflection_alone);
-        let (of_front, others) = self.totals.split_at(orders.front.len());
-        let (of_back, others) = others.split_at(orders.back.len());
-        let reflected = mean_of(&orders.back, of_back, l, counts);
-        let back = match orders.back.first() {
-            Some(first) if first_alone && first.order == Order::Reflected(0) => {
-                mean_of(&orders.back[..1], of_back, l, counts)
-            }
-            _ if first_alone => NOTHING,
-            _ => reflected,
-        };
+        let (groups, first_alone) = (&self.groups.sides, self.scene.first_reflection_alone);
+        let (of_front, others) = self.totals.split_at(groups[0].len());
+        let (of_back, others) = others.split_at(groups[1].len());
+        let reflected = mean_of(&groups[1], of_back, l, counts);
+        // r_0 is alone in the first group, if it is there.
+        let is_r_0 = |group: &Group<'_>| group.rows[0].order == Some(Order::Reflected(0));
+        let first = usize::from(groups[1].first().is_some_and(is_r_0));
+        let back =
+            if first_alone { mean_of(&groups[1][..first], of_back, l, counts) } else { reflected };
         let [mut bare, mut clean] = [NOTHING; 2];
         add_means_of(&mut bare, &others[0], l, counts.all);
         add_means_of(&mut clean, &others[1], l, counts.clean.max(1));
-        let front = mean_of(&orders.front, of_front, l, counts);
+        let front = mean_of(&groups[0], of_front, l, counts);
         let mut ghosts = NOTHING;
         if self.scene.labels.contains(Label::Ghosts) {
-            let first = orders.back.first().is_some_and(|first| first.order == Order::Reflected(0));
-            let skipped = usize::from(first);
-            ghosts = mean_of(&orders.back[skipped..], &of_back[skipped..], l, counts);
+            ghosts = mean_of(&groups[1][first..], &of_back[first..], l, counts);
         }
         Components { front, bare, reflected, back, clean, ghosts }
     }
@@ -336,13 +361,13 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
     }
 }
 
-/// Returns the sum of the means of several orders at pixel `l`.
+/// Returns the sum of the means of several groups at pixel `l`.
 #[inline(always)]
-fn mean_of(list: &[FollowedOrder], sums: &[LaneSums], l: usize, counts: Counts) -> Means {
+fn mean_of(groups: &[Group<'_>], sums: &[LaneSums], l: usize, counts: Counts) -> Means {
     let blocks = counts.all / counts.block;
     let mut total = NOTHING;
-    for (followed, sums) in list.iter().zip(sums) {
-        add_means_of(&mut total, sums, l, followed.samples_of_block(counts.block) * blocks);
+    for (group, sums) in groups.iter().zip(sums) {
+        add_means_of(&mut total, sums, l, group.samples_of_block(counts.block) * blocks);
     }
     total
 }

@@ -1,6 +1,6 @@
 //! A flat picture with transparent parts.
 
-use super::super::lanes::{LANES, Lane};
+use super::super::lanes::{LANES, Lane, floor, max, min};
 use super::super::texture::Texture;
 use glam::{DVec3, Vec3};
 use std::sync::Arc;
@@ -76,8 +76,9 @@ impl Card {
         let picture = &self.picture;
         let (width, height) = (picture.width(), picture.height());
         let along = |at: f32, size: usize| {
-            let at = (at * size as f32 - 0.5).clamp(0.0, (size - 1) as f32);
-            (at as usize, at - (at as usize) as f32)
+            let at = min(max(at * size as f32 - 0.5, 0.0), (size - 1) as f32);
+            let (whole, index) = floor(at);
+            (index as usize, at - whole)
         };
         let ((i, right), (j, below)) = (along(u, width), along(v, height));
         let cell = (j * picture.stride() + i) as u32;
@@ -87,8 +88,13 @@ impl Card {
             let [upper, lower] = picture.quad(cell);
             (&*upper, &*lower)
         };
-        let mix = |row: &[f32; 8], k: usize| row[k] * (1.0 - right) + row[4 + k] * right;
-        [0, 1, 2, 3].map(|k| mix(upper, k) * (1.0 - below) + mix(lower, k) * below)
+        // Not `map`, which the compiler does not always inline, and then compiles for the baseline.
+        let mut texel = [0.0; 4];
+        for k in 0..4 {
+            let mix = |row: &[f32; 8]| row[k] * (1.0 - right) + row[4 + k] * right;
+            texel[k] = mix(upper) * (1.0 - below) + mix(lower) * below;
+        }
+        texel
     }
 }
 

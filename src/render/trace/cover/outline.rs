@@ -1,6 +1,7 @@
 //! The rectangle of the glass and its frame, and the places at which rays meet them.
 
 use super::super::lanes::{CHUNK, LANES, Lane};
+use super::super::scene::Lens;
 use super::super::slab::Slab;
 use glam::DVec3;
 
@@ -20,20 +21,47 @@ pub struct Outline {
 }
 
 impl Outline {
-    /// True if all pinhole rays between these tangents (across, down) meet glass. A projection maps the rectangle to a convex
-    /// quadrangle of the pane's plane.
-    pub(in super::super) fn is_filled_by_glass(&self, slab: &Slab, film: [[f64; 2]; 2]) -> bool {
+    /// Returns true if all rays through `lens` whose film points lie between these tangents (across, down) meet glass, and false if none
+    /// does; `None` if the bounds do not tell.
+    ///
+    /// A projection maps the rectangle of film points to a convex quadrangle of the pane's plane, for each point of the lens; and the square
+    /// around the lens, for each film point. So all entries lie within the hull of those of the corners.
+    pub(in super::super) fn fills(
+        &self,
+        slab: &Slab,
+        lens: &Lens,
+        film: [[f64; 2]; 2],
+    ) -> Option<bool> {
         let corners = [(0, 0), (0, 1), (1, 0), (1, 1)];
-        corners.into_iter().all(|(i, j)| {
-            let d = DVec3::new(film[0][i], film[1][j], 1.0);
-            let from_pivot =
-                slab.plane_distance_m / d.dot(slab.normal) * d - DVec3::Z * self.distance_m;
-            (0..2).all(|k| {
-                let (at, [lo, hi]) = (from_pivot.dot(self.axes[k]), self.glass_m[k]);
-                // The tracer rounds entries to f32.
-                lo + 1.0e-6 <= at && at <= hi - 1.0e-6
-            })
-        })
+        let entry = |(i, j): (usize, usize), (k, m): (usize, usize)| {
+            let of_lens = |k: usize| [-1.0, 1.0][k] * lens.aperture_radius_m;
+            let from = DVec3::new(of_lens(k), of_lens(m), 0.0);
+            let d = DVec3::new(film[0][i], film[1][j], 1.0) - from * lens.inverse_focus_per_m;
+            let way = (slab.plane_distance_m - from.dot(slab.normal)) / d.dot(slab.normal);
+            let from_pivot = from + way * d - DVec3::Z * self.distance_m;
+            [0, 1].map(|k| from_pivot.dot(self.axes[k]))
+        };
+        let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        for film in corners {
+            for of_lens in corners {
+                for (bounds, at) in bounds.iter_mut().zip(entry(film, of_lens)) {
+                    *bounds = [bounds[0].min(at), bounds[1].max(at)];
+                }
+            }
+        }
+        // The tracer rounds entries to f32.
+        let slack_m = 1.0e-6;
+        let glass = self.glass_m;
+        let is_inside = |k: usize| {
+            glass[k][0] + slack_m <= bounds[k][0] && bounds[k][1] <= glass[k][1] - slack_m
+        };
+        let is_beside =
+            |k: usize| bounds[k][1] < glass[k][0] - slack_m || bounds[k][0] > glass[k][1] + slack_m;
+        match () {
+            () if (0..2).all(is_inside) => Some(true),
+            () if (0..2).any(is_beside) => Some(false),
+            () => None,
+        }
     }
 }
 

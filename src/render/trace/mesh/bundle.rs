@@ -1,13 +1,12 @@
-//! Traces a bundle of one order against a mesh, with the same weights as against a grid.
+//! Traces a bundle against a mesh, with the same weights as against a grid.
 
-use super::super::bundle::{Bundle, Feeds, weights_with_dropped};
+use super::super::bundle::{Bundle, Feeds, Row, weights_alone, weights_with_dropped};
 use super::super::isa::Isa;
 use super::super::lanes::{CHUNK, LANES};
 use super::super::lines::Path;
 use super::super::means::LaneSums;
 use super::super::overlay::Overlay;
 use super::super::scene::Scene;
-use super::super::shade::{absorbed, weights};
 use super::super::slab::Order;
 use super::project::{Mesh, Seen};
 
@@ -59,7 +58,7 @@ fn follow_lanes(
     sums: &mut LaneSums,
     transmission: &mut LaneSums,
 ) -> [u32; LANES] {
-    let &Bundle { camera, order, feeds, ends: [quarter, half, count], .. } = bundle;
+    let &Bundle { camera, rows, feeds, ends: [quarter, half, count], .. } = bundle;
     let normal = scene.slab.normal.as_vec3().to_array();
     // The rays of one pixel lie closer together than those of sixteen, so that they meet fewer boxes. A pixel with sixteen
     // samples therefore has its own group of rays.
@@ -67,8 +66,8 @@ fn follow_lanes(
     let place = |s: usize, l: usize| if by_pixel { (l, s) } else { (s, l) };
     let mut directions = [[[0f32; LANES]; 2]; CHUNK];
     let mut starts = [[[0f32; LANES]; 2]; CHUNK];
-    for s in 0..count {
-        let [point, direction] = bundle.rays(scene, normal, s);
+    for (s, row) in rows.iter().enumerate() {
+        let [point, direction] = bundle.rays(scene, normal, row);
         for l in 0..LANES {
             let (group, lane) = place(s, l);
             for k in 0..2 {
@@ -84,9 +83,11 @@ fn follow_lanes(
     let is_covered = bundle.is_covered(scene);
     let mut overlay = Overlay::new();
     if is_covered {
-        overlay.begin(&scene.cover, bundle.entries(), order, count);
-        for s in 0..count {
-            let [point, direction] = bundle.rays(scene, normal, s);
+        let is_t_0 = bundle.order() == Some(Order::Transmitted(0));
+        let samples = rows.iter().map(|row| row.sample);
+        overlay.begin(&scene.cover, bundle.entries(), is_t_0, samples);
+        for (s, row) in rows.iter().enumerate() {
+            let [point, direction] = bundle.rays(scene, normal, row);
             let z_m = std::array::from_fn(|l| {
                 let (group, lane) = place(s, l);
                 1.0 / seen[group].w[lane]
@@ -95,11 +96,10 @@ fn follow_lanes(
         }
     }
     let mut misses = [0; LANES];
-    for s in 0..count {
-        let mut weight =
-            order.map_or([[1.0; LANES]; 3], |order| colour_weights(scene, bundle, order, s));
-        if order == Some(Order::Transmitted(0)) {
-            for l in (0..LANES).filter(|l| camera.entries.glass[s][*l] == 0.0) {
+    for (s, row) in rows.iter().enumerate() {
+        let mut weight = colour_weights(scene, bundle, row);
+        if row.order == Some(Order::Transmitted(0)) {
+            for l in (0..LANES).filter(|l| camera.entries.glass[row.sample][*l] == 0.0) {
                 (0..3).for_each(|c| weight[c][l] = 1.0);
             }
         }
@@ -122,19 +122,15 @@ fn follow_lanes(
     misses
 }
 
-/// Computes the weights of an order of sample `s`: red, green, blue.
+/// Computes the weights of a row: red, green, blue.
 #[inline(always)]
-fn colour_weights(
-    scene: &Scene,
-    &Bundle { camera, path, carries_dropped, .. }: &Bundle,
-    order: Order,
-    s: usize,
-) -> [[f32; LANES]; 3] {
-    if let Path::Stack(table) = path {
+fn colour_weights(scene: &Scene, bundle: &Bundle, row: &Row<'_>) -> [[f32; LANES]; 3] {
+    let (camera, s) = (bundle.camera, row.sample);
+    if let Path::Stack(table) = row.path {
         let colours: [[f32; 4]; LANES] = std::array::from_fn(|l| table.colours(camera, s, l));
         return [0, 1, 2].map(|c| colours.map(|colour| colour[c]));
     }
-    if let Path::Rough(way) = path {
+    if let Path::Rough(way) = row.path {
         let weight = camera.rough.weights(way);
         return if camera.rough.is_coloured {
             [weight[0][s], weight[1][s], weight[2][s]]
@@ -142,22 +138,9 @@ fn colour_weights(
             [weight[0][s]; 3]
         };
     }
-    if carries_dropped {
-        return weights_with_dropped(scene, camera, order, s);
+    if row.carries_dropped {
+        return weights_with_dropped(scene, camera, row);
     }
-    let ([rs, rp], [ts, tp]) = (&camera.reflectance, &camera.transmittance);
-    let (weight, inverse_cos_t) = if scene.bow.is_some() {
-        (camera.bent.weights(order, s), camera.bent.inverse_cos_t(s))
-    } else {
-        let weight = weights(order, [&rs[s], &rp[s]], [&ts[s], &tp[s]]);
-        (weight, &camera.inverse_cos_t[s])
-    };
-    let slab = &scene.slab;
-    if !slab.absorbs_in(order) {
-        return [weight; 3];
-    }
-    slab.absorption_per_m.map(|a| {
-        let optical_depth = (a * slab.thickness_m) as f32;
-        absorbed(&weight, order, optical_depth, inverse_cos_t)
-    })
+    let is_coloured = row.order.is_some_and(|order| scene.slab.absorbs_in(order));
+    weights_alone(scene, camera, row, is_coloured)
 }

@@ -370,9 +370,9 @@ fn a_sheet_and_its_mesh_are_hit_alike() {
                 let patch = Patch::new(&scene, x, y);
                 camera.fill(&scene, &patch, 32, CHUNK);
                 let lanes = ViewLanes::new(view, &patch);
-                let maker = LineMaker::new(&scene, view, &patch, &lanes, path);
+                let maker = LineMaker::new(&scene, view, &patch, &lanes);
                 for s in 0..CHUNK {
-                    let lines = maker.lines(&camera, s);
+                    let lines = maker.lines(&camera, path, s);
                     let span = full_span(&view.grid, false);
                     let w = walk_lanes::<BASELINE>(&view.grid, &lanes.grid, &lines, span);
                     let d: [Lane; 2] = std::array::from_fn(|k| {

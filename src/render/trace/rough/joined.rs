@@ -15,10 +15,10 @@
 use super::super::camera::CameraChunk;
 use super::super::isa::Isa;
 use super::super::lanes::{CHUNK, LANES};
-use super::super::patch::{PATCH_PX, Patch};
+use super::super::patch::{PATCH_PX, Patch, all_over};
 use super::super::sampler::{PixelSeed, SeedLanes};
 use super::super::scene::Scene;
-use super::{Joined, RoughPane};
+use super::RoughPane;
 
 /// Largest distance, px.
 const MOST_PX: f32 = 0.05;
@@ -34,10 +34,9 @@ impl Scene {
         let Some(pane) = self.rough.as_ref().filter(|_| tolerance > 0.0) else { return };
         let lines = self.lines(pane, nearest_m as f32);
         let all = pane.paths.len();
-        let mut joined = Joined { ways: vec![0; all], of_front: 0, count: 0, moved: [0.0; 2] };
-        for side in 0..2 {
-            let of_front = pane.joined.of_front;
-            let paths = if side == 0 { 0..of_front } else { of_front..all };
+        let of_front = pane.joined.ways.iter().filter(|way| **way < pane.joined.of_front).count();
+        let (mut orders, mut moved) = (vec![0; all], [0.0; 2]);
+        for (side, paths) in [0..of_front, of_front..all].into_iter().enumerate() {
             let stays_alone =
                 |path: usize| path == paths.start && (side == 0 || self.first_reflection_alone);
             let weight = |path: usize| pane.light.max_weights[path];
@@ -57,72 +56,56 @@ impl Scene {
                 match close {
                     Some((other, apart_px)) => {
                         joins[path] = other;
-                        joined.moved[side] += 2.0 * f64::from(apart_px) * cost_per_px;
+                        moved[side] += 2.0 * f64::from(apart_px) * cost_per_px;
                     }
                     None if stays_alone(path) => {}
                     None => strong.push(path),
                 }
             }
-            // Ways have the order of their strongest paths.
-            for path in paths.clone().filter(|path| joins[*path] == *path) {
-                joined.ways[path] = joined.count;
-                joined.count += 1;
+            // Orders come as their strongest paths do.
+            for (order, path) in paths.clone().filter(|path| joins[*path] == *path).enumerate() {
+                orders[path] = order;
             }
             for path in paths {
-                joined.ways[path] = joined.ways[joins[path]];
+                orders[path] = orders[joins[path]];
             }
-            if side == 0 {
-                joined.of_front = joined.count;
-            }
-        }
-        if joined.count == all {
-            return;
         }
         if let Some(pane) = &mut self.rough {
-            pane.join(joined);
+            pane.join(orders.split_at(of_front).into(), moved);
             self.orders = pane.plan(max_radiance, tolerance);
         }
     }
 
-    /// Follows rays from all over the film along the ways of a pane. Returns for each way where the rays are on the film, px: as
+    /// Follows rays from all over the film along the paths of a pane. Returns for each where the rays are on the film, px: as
     /// those of points at infinity, and of the surface at `nearest_m`. Rays without light have no numbers.
     fn lines(&self, pane: &RoughPane, nearest_m: f32) -> Vec<Vec<[f32; 4]>> {
         let count = pane.paths.len();
         let mut lines = vec![vec![]; count];
         let mut camera = CameraChunk::new();
         let taken = vec![CHUNK; pane.ways()];
-        let corners = |length_px: u32| {
-            let last = length_px.saturating_sub(1) / PATCH_PX;
-            let mut corners: Vec<u32> =
-                (0..PATCHES).map(|i| last * i / (PATCHES - 1) * PATCH_PX).collect();
-            corners.dedup();
-            corners
-        };
         let pixel = self.film.pixel_tangent().map(|tangent| tangent as f32);
-        for y in corners(self.film.height) {
-            for x in corners(self.film.width) {
-                // The orders of a scene do not depend on its seed.
-                let of_lane = |l: usize| (x + l as u32 % PATCH_PX, y + l as u32 / PATCH_PX);
-                let seeds = SeedLanes::new(|l| {
-                    let (x, y) = of_lane(l);
-                    PixelSeed::new(0, x, y)
-                });
-                let patch = Patch { seeds, ..Patch::new(self, x, y) };
-                camera.fill(self, &patch, 0, CHUNK);
-                camera.scatter(self, pane, &patch, &taken, Isa::detect());
-                for (way, lines) in lines.iter_mut().enumerate() {
-                    let weights = camera.rough.weights(way);
-                    let colours = if camera.rough.is_coloured { 3 } else { 1 };
-                    for s in 0..CHUNK {
-                        let rays = camera.rough.rays(way, s);
-                        for l in 0..LANES {
-                            let [far_x, far_y] = [0, 1].map(|k| rays.relative[k][l] / pixel[k]);
-                            let at = |k: usize| rays.point[k][l] / (nearest_m * pixel[k]);
-                            let near = [far_x + at(0), far_y + at(1)];
-                            let line = [far_x, far_y, near[0], near[1]];
-                            let has_light = weights[..colours].iter().any(|of| of[s][l] > 0.0);
-                            lines.push(if has_light { line } else { [f32::NAN; 4] });
-                        }
+        for (x, y) in all_over(&self.film, PATCHES) {
+            // The orders of a scene do not depend on its seed.
+            let of_lane = |l: usize| (x + l as u32 % PATCH_PX, y + l as u32 / PATCH_PX);
+            let seeds = SeedLanes::new(|l| {
+                let (x, y) = of_lane(l);
+                PixelSeed::new(0, x, y)
+            });
+            let patch = Patch { seeds, ..Patch::new(self, x, y) };
+            camera.fill(self, &patch, 0, CHUNK);
+            camera.scatter(self, pane, &patch, &taken, Isa::detect());
+            for (way, lines) in pane.joined.ways.iter().zip(&mut lines) {
+                let weights = camera.rough.weights(*way);
+                let colours = if camera.rough.is_coloured { 3 } else { 1 };
+                for s in 0..CHUNK {
+                    let rays = camera.rough.rays(*way, s);
+                    for l in 0..LANES {
+                        let [far_x, far_y] = [0, 1].map(|k| rays.relative[k][l] / pixel[k]);
+                        let at = |k: usize| rays.point[k][l] / (nearest_m * pixel[k]);
+                        let near = [far_x + at(0), far_y + at(1)];
+                        let line = [far_x, far_y, near[0], near[1]];
+                        let has_light = weights[..colours].iter().any(|of| of[s][l] > 0.0);
+                        lines.push(if has_light { line } else { [f32::NAN; 4] });
                     }
                 }
             }

@@ -1,16 +1,15 @@
 //! The tree of a pane's paths, ready for tracing.
 
-use super::Step;
+use super::{Joined, Rest, Step};
 
 /// Where the light of a branch goes.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Target {
     /// To a later meeting.
     To(usize),
-    /// Out of the pane, along a way.
-    /// If it `joins`, an earlier leaf has the way, too.
-    Leaf { way: usize, is_front: bool, joins: bool },
-    /// To the last paths of the front and of the back, in these shares for each colour.
+    /// Out of the pane, at the end of a path, along a way. If it `joins`, an earlier leaf has the way, too.
+    Leaf { path: usize, way: usize, is_front: bool, joins: bool },
+    /// To the last ways of the front and of the back, in these shares for each colour.
     Cut([[f32; 3]; 2]),
     /// Nowhere: no image needs the light.
     Nothing,
@@ -31,26 +30,34 @@ pub(super) struct Meet {
 pub(super) struct Program {
     pub(super) meets: Vec<Meet>,
     /// The ways of the front and of the back that receive the light of cuts.
-    pub(super) last: [Option<usize>; 2],
+    pub(super) rests: [Option<Rest>; 2],
 }
 
 impl Program {
-    /// Gives each way a new number, which several may have in common; the last one of each side receives the light of cuts.
-    pub(super) fn renumber(&mut self, ways: &[usize], last: [Option<usize>; 2]) {
-        let mut is_taken = vec![false; ways.len()];
+    /// Gives the leaves of paths their ways, which several may have in common.
+    pub(super) fn number(&mut self, joined: &Joined) {
+        let mut is_taken = vec![false; joined.count];
         for target in self.meets.iter_mut().flat_map(|meet| &mut meet.branches) {
-            if let Target::Leaf { way, joins, .. } = target {
-                *way = ways[*way];
+            if let Target::Leaf { path, way, joins, .. } = target {
+                *way = joined.ways[*path];
                 *joins = std::mem::replace(&mut is_taken[*way], true);
             }
         }
-        self.last = last;
+        self.rests = joined.rests;
+    }
+
+    /// Gives all leaves a way.
+    pub(super) fn number_all(&mut self, number: usize) {
+        for target in self.meets.iter_mut().flat_map(|meet| &mut meet.branches) {
+            if let Target::Leaf { way, .. } = target {
+                *way = number;
+            }
+        }
     }
 
     /// Computes the number of samples that each meeting serves, from those that each way takes.
     pub(super) fn serve(&self, taken: &[usize], served: &mut Vec<usize>) {
-        let of_way = |way: &Option<usize>| way.map_or(0, |way| taken[way]);
-        let rest = self.last.iter().map(of_way).max().unwrap_or(0);
+        let rest = self.rests.iter().flatten().map(|rest| taken[rest.way]).max().unwrap_or(0);
         served.clear();
         served.resize(self.meets.len(), 0);
         for (index, meet) in self.meets.iter().enumerate().rev() {

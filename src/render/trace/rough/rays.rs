@@ -5,10 +5,11 @@ use super::super::isa::Isa;
 use super::super::lanes::{CHUNK, LANES, Lane, exp_neg, max};
 use super::super::patch::Patch;
 use super::super::scene::Sampling;
-use super::RoughPane;
+use super::coat::CoatLanes;
 use super::meet::{BENT, Beam, FLAT, WAVES, WEDGES, dim, lane, leave_frame, visible_facets};
 use super::program::{Meet, Program, Target};
 use super::scatter::{LEAST_COS, Scattered, from_frame, split, to_frame};
+use super::{Rest, RoughPane};
 
 /// Rays of a chunk along the paths of a pane, after the glass (of the mirrored world, for reflected light).
 pub(in super::super) struct RoughRays {
@@ -26,6 +27,8 @@ pub(in super::super) struct RoughRays {
     ways: Vec<Box<Way>>,
     /// The light at each meeting of the tree, for one sample.
     light: Vec<Beam>,
+    /// Shares of the pane's coatings for one sample.
+    coats: Vec<CoatLanes>,
     /// Number of samples that a meeting serves.
     served: Vec<usize>,
     /// True if the weights of the three colours differ.
@@ -73,6 +76,7 @@ impl RoughRays {
             smeared: lanes,
             ways: vec![],
             light: vec![],
+            coats: vec![],
             served: vec![],
             is_coloured: false,
         })
@@ -205,6 +209,8 @@ impl RoughRays {
         }
         let most = served.first().copied().unwrap_or(0);
         for s in 0..most {
+            self.coats.clear();
+            self.coats.extend(pane.coats.iter().map(|coat| coat.at(&self.arrival[5][s])));
             self.light[0] = Beam {
                 point: [0, 1, 2].map(|k| self.arrival[k][s]),
                 direction: [3, 4, 5].map(|k| self.arrival[k][s]),
@@ -214,12 +220,12 @@ impl RoughRays {
             let mut dropped = [[[0.0; LANES]; 3]; 2];
             for (index, meet) in program.meets.iter().enumerate() {
                 if served[index] > s {
-                    self.meet::<SHAPE>(pane, (index, meet), camera, s, &mut dropped);
+                    self.meet::<SHAPE>(pane, (index, meet), camera, &served, s, &mut dropped);
                 }
             }
-            for (last, dropped) in program.last.iter().zip(&dropped) {
-                if let Some(way) = last.filter(|way| camera.taken[*way] > s) {
-                    self.add_dropped(pane, way, dropped, s);
+            for (rest, dropped) in program.rests.iter().zip(&dropped) {
+                if let Some(rest) = rest.filter(|rest| camera.taken[rest.way] > s) {
+                    self.leave_cuts(pane, rest, dropped, s);
                 }
             }
             #[cfg(test)]
@@ -231,7 +237,7 @@ impl RoughRays {
     /// Asserts that the weights of all orders of a sample add up to at most 1.
     #[cfg(test)]
     fn assert_sum(&self, program: &Program, camera: &CameraRays<'_>, s: usize) {
-        let ways = program.last.iter().flatten().max().map_or(0, |last| last + 1);
+        let ways = program.rests.iter().flatten().map(|rest| rest.way + 1).max().unwrap_or(0);
         if camera.taken[..ways].iter().any(|taken| *taken <= s) {
             return;
         }
@@ -241,32 +247,41 @@ impl RoughRays {
         }
     }
 
-    /// Adds the light of cuts to the last order of its side.
+    /// Stores the light of cuts of sample `s`, on the line of another way.
     #[inline(always)]
-    fn add_dropped(&mut self, pane: &RoughPane, way: usize, dropped: &[Lane; 3], s: usize) {
-        let way_of = &mut self.ways[way];
+    fn leave_cuts(&mut self, pane: &RoughPane, rest: Rest, dropped: &[Lane; 3], s: usize) {
+        let Ok([way, line]) = self.ways.get_disjoint_mut([rest.way, rest.line]) else {
+            unreachable!("the light of cuts has a way of its own")
+        };
+        for k in 0..2 {
+            (way.relative[k][s], way.point[k][s]) = (line.relative[k][s], line.point[k][s]);
+        }
+        let smear = pane.smudges.as_ref().map_or(1.0, |smudges| {
+            smudges.transmittance[usize::from(rest.way >= pane.joined.of_front)]
+        });
         for c in 0..if pane.is_coloured { 3 } else { 1 } {
-            let smear = pane.smudges.as_ref().map_or(1.0, |smudges| {
-                smudges.transmittance[usize::from(way >= pane.joined.of_front)]
-            });
             for l in 0..LANES {
                 let factor = if self.smeared[s][l] == 0.0 { 1.0 } else { smear };
-                way_of.weight[c][s][l] += dropped[c][l] * factor;
+                way.weight[c][s][l] = dropped[c][l] * factor;
             }
         }
     }
 
     /// Moves the rays of a meeting to its face, splits them at their facets, and hands the light on.
+    ///
+    /// Each loop is over lanes alone, with its arrays on the stack, so that the compiler turns it into vector instructions.
     #[inline(always)]
     fn meet<const SHAPE: u8>(
         &mut self,
         pane: &RoughPane,
         (index, meet): (usize, &Meet),
         camera: &CameraRays<'_>,
+        served: &[usize],
         s: usize,
         dropped: &mut [[Lane; 3]; 2],
     ) {
-        let mut light = self.light[index];
+        let (before, behind) = self.light.split_at_mut(index + 1);
+        let light = &mut before[index];
         let step = &meet.step;
         let (mut along, mut slope) = ([[0.0; LANES]; 3], [0.0; LANES]);
         let way_m = light.arrive::<SHAPE>(pane, step, meet.depth == 0, &mut along, &mut slope);
@@ -281,14 +296,14 @@ impl RoughRays {
         let mut facet = [[0.0; LANES]; 2];
         let mut alpha = [0.0; LANES];
         if step.is_rough {
-            let [clean, smeared] = step.alphas;
+            let ([clean, smeared], is_smeared) = (step.alphas, &self.smeared[s]);
             for l in 0..LANES {
-                alpha[l] = if self.smeared[s][l] == 0.0 { clean } else { smeared };
+                alpha[l] = if is_smeared[l] == 0.0 { clean } else { smeared };
             }
             let Facets { x, y } = &self.facets[meet.depth].1;
             facet = visible_facets(&along, &alpha, [&x[s], &y[s]]);
         }
-        let mut out = [light; 2];
+        let mut out = [Beam::DARK; 2];
         let (mut tangent_2, mut total) = ([[0.0; LANES]; 2], [0.0; LANES]);
         for l in 0..LANES {
             let d = lane(&along, l);
@@ -297,43 +312,50 @@ impl RoughRays {
             for (branch, Scattered { direction, shares, leaves, tangent_2: of, .. }) in
                 both.into_iter().enumerate()
             {
-                let direction = leave_frame::<SHAPE>(pane, step, &light, slope[l], direction, l);
+                let direction = leave_frame::<SHAPE>(pane, step, light, slope[l], direction, l);
                 for (k, v) in [direction.x, direction.y, direction.z].into_iter().enumerate() {
                     out[branch].direction[k][l] = v;
                 }
                 for (q, share) in shares.into_iter().enumerate() {
                     // A coating's share is a tint.
-                    let share = if step.is_coated { f32::from(u8::from(leaves)) } else { share };
-                    out[branch].power[q][l] *= share;
+                    let share =
+                        if step.coat.is_some() { f32::from(u8::from(leaves)) } else { share };
+                    out[branch].power[q][l] = light.power[q][l] * share;
                 }
                 tangent_2[branch][l] = of;
             }
         }
         for (branch, target) in meet.branches.iter().enumerate() {
+            let is_needed = match *target {
+                Target::To(next) => served[next] > s,
+                Target::Leaf { way, .. } => camera.taken[way] > s,
+                Target::Cut(_) => true,
+                Target::Nothing => false,
+            };
+            if !is_needed {
+                continue;
+            }
             let out = &mut out[branch];
+            (out.point, out.tint) = (light.point, light.tint);
             if step.is_rough {
                 dim(out, &alpha, &tangent_2[branch]);
             }
-            if let [Some(passed), Some(reflected)] = &step.coatings {
+            if let Some(coat) = step.coat {
+                let of = &self.coats[coat];
                 for c in 0..colours {
+                    let (own, passed) = (&of[branch][c], &of[0][c]);
                     for l in 0..LANES {
-                        let cos = self.arrival[5][s][l];
                         // A facet that reflects totally keeps what the coating would let pass.
-                        out.tint[c][l] *= if branch == 0 {
-                            passed.at(c, cos)
-                        } else {
-                            reflected.at(c, cos) + total[l] * passed.at(c, cos)
-                        };
+                        let kept = if branch == 0 { 0.0 } else { total[l] * passed[l] };
+                        out.tint[c][l] *= own[l] + kept;
                     }
                 }
             }
             match *target {
-                Target::To(next) => self.light[next] = *out,
-                Target::Leaf { way, is_front, joins } => {
-                    if camera.taken[way] > s {
-                        let center = &camera.patch.center;
-                        self.leave::<SHAPE>(pane, (way, is_front, joins), out, center, s);
-                    }
+                Target::To(next) => behind[next - index - 1] = *out,
+                Target::Leaf { way, is_front, joins, .. } => {
+                    let place = (is_front, joins, &self.smeared[s], &camera.patch.center, s);
+                    self.ways[way].take::<SHAPE>(pane, out, place);
                 }
                 Target::Cut(ref division) => {
                     for (side, dropped) in dropped.iter_mut().enumerate() {
@@ -350,75 +372,6 @@ impl RoughRays {
         }
     }
 
-    /// Stores the rays of sample `s` after their last face. If they join others, both have the mean line, weighted by their light.
-    #[inline(always)]
-    fn leave<const SHAPE: u8>(
-        &mut self,
-        pane: &RoughPane,
-        (way, is_front, joins): (usize, bool, bool),
-        light: &Beam,
-        center: &[Lane; 2],
-        s: usize,
-    ) {
-        let smeared = &self.smeared[s];
-        let way = &mut self.ways[way];
-        let colours = if pane.is_coloured { 3 } else { 1 };
-        let (mut weight, mut share) = ([[0.0; LANES]; 3], [1.0; LANES]);
-        for c in 0..colours {
-            for l in 0..LANES {
-                let power = 0.5 * (light.power[0][l] + light.power[1][l]);
-                weight[c][l] = power * light.tint[c][l];
-            }
-            if let Some(smudges) = &pane.smudges {
-                let transmittance = smudges.transmittance[usize::from(!is_front)];
-                for l in 0..LANES {
-                    weight[c][l] *= if smeared[l] == 0.0 { 1.0 } else { transmittance };
-                }
-            }
-        }
-        if joins {
-            for l in 0..LANES {
-                let (mut own, mut all) = (0.0, 0.0);
-                for c in 0..colours {
-                    own += weight[c][l];
-                    weight[c][l] += way.weight[c][s][l];
-                    all += weight[c][l];
-                }
-                share[l] = if all > 0.0 { own / all } else { 0.0 };
-            }
-        }
-        // Reflected rays are mirrored in the plane of the pane.
-        let sign = if is_front { 1.0 } else { -1.0 };
-        for l in 0..LANES {
-            let (mut p, mut d) = (lane(&light.point, l), lane(&light.direction, l));
-            if SHAPE == BENT {
-                (p, d) = (to_frame(pane.axes, p), to_frame(pane.axes, d));
-            }
-            (p.z, d.z) = (p.z * sign, d.z * sign);
-            let (p, d) = (from_frame(pane.axes, p), from_frame(pane.axes, d));
-            let inverse = 1.0 / max(d.z, LEAST_COS);
-            let (dx, dy) = (d.x * inverse, d.y * inverse);
-            let distance_m = p.z + pane.distance_m;
-            let line = [
-                dx - center[0][l],
-                dy - center[1][l],
-                p.x - dx * distance_m,
-                p.y - dy * distance_m,
-            ];
-            let [relative, point] = [&mut way.relative, &mut way.point];
-            for k in 0..2 {
-                for (lanes, of) in
-                    [(&mut relative[k][s][l], line[k]), (&mut point[k][s][l], line[2 + k])]
-                {
-                    *lanes = if joins { *lanes + (of - *lanes) * share[l] } else { of };
-                }
-            }
-        }
-        for c in 0..colours {
-            way.weight[c][s] = weight[c];
-        }
-    }
-
     /// Returns the rays of sample `s` along a way.
     #[inline(always)]
     pub(in super::super) fn rays(&self, way: usize, s: usize) -> RayLanes {
@@ -431,5 +384,78 @@ impl RoughRays {
     #[inline(always)]
     pub(in super::super) fn weights(&self, way: usize) -> &[[Lane; CHUNK]; 3] {
         &self.ways[way].weight
+    }
+}
+
+impl Way {
+    /// Stores the rays of sample `s` after their last face. If they join others, both have the mean line, weighted by their light.
+    #[inline(always)]
+    fn take<const SHAPE: u8>(
+        &mut self,
+        pane: &RoughPane,
+        light: &Beam,
+        (is_front, joins, smeared, center, s): (bool, bool, &Lane, &[Lane; 2], usize),
+    ) {
+        let colours = if pane.is_coloured { 3 } else { 1 };
+        let mut smear = [1.0; LANES];
+        if let Some(smudges) = &pane.smudges {
+            let transmittance = smudges.transmittance[usize::from(!is_front)];
+            for l in 0..LANES {
+                smear[l] = if smeared[l] == 0.0 { 1.0 } else { transmittance };
+            }
+        }
+        let (mut weight, mut share) = ([[0.0; LANES]; 3], [1.0; LANES]);
+        for c in 0..colours {
+            for l in 0..LANES {
+                let power = 0.5 * (light.power[0][l] + light.power[1][l]);
+                weight[c][l] = power * light.tint[c][l] * smear[l];
+            }
+        }
+        if joins {
+            let (mut own, mut all) = ([0.0; LANES], [0.0; LANES]);
+            for c in 0..colours {
+                let others = &self.weight[c][s];
+                for l in 0..LANES {
+                    own[l] += weight[c][l];
+                    weight[c][l] += others[l];
+                    all[l] += weight[c][l];
+                }
+            }
+            for l in 0..LANES {
+                share[l] = if all[l] > 0.0 { own[l] / all[l] } else { 0.0 };
+            }
+        }
+        // Reflected rays are mirrored in the plane of the pane.
+        let sign = if is_front { 1.0 } else { -1.0 };
+        let mut line = [[0.0; LANES]; 4];
+        for l in 0..LANES {
+            let (mut p, mut d) = (lane(&light.point, l), lane(&light.direction, l));
+            if SHAPE == BENT {
+                (p, d) = (to_frame(pane.axes, p), to_frame(pane.axes, d));
+            }
+            (p.z, d.z) = (p.z * sign, d.z * sign);
+            let (p, d) = (from_frame(pane.axes, p), from_frame(pane.axes, d));
+            let inverse = 1.0 / max(d.z, LEAST_COS);
+            let (dx, dy) = (d.x * inverse, d.y * inverse);
+            let distance_m = p.z + pane.distance_m;
+            line[0][l] = dx - center[0][l];
+            line[1][l] = dy - center[1][l];
+            line[2][l] = p.x - dx * distance_m;
+            line[3][l] = p.y - dy * distance_m;
+        }
+        let Self { relative: [dx, dy], point: [x, y], .. } = self;
+        for (lanes, line) in [dx, dy, x, y].into_iter().zip(line) {
+            let lanes = &mut lanes[s];
+            if joins {
+                for l in 0..LANES {
+                    lanes[l] += (line[l] - lanes[l]) * share[l];
+                }
+            } else {
+                *lanes = line;
+            }
+        }
+        for c in 0..colours {
+            self.weight[c][s] = weight[c];
+        }
     }
 }
