@@ -1,4 +1,4 @@
-//! Traces a bundle: up to sixteen rows of rays, each of which has one sample of the sixteen pixels of a patch along one order.
+//! Traces a bundle: up to sixteen rows of rays. A row is one sample of each of the sixteen pixels of a patch, along one order.
 //!
 //! Lanes are pixels, so that no lane is idle if pixels take few samples; and weak orders, which take few samples, share bundles, so that the work
 //! for a bundle serves many rays.

@@ -42,8 +42,8 @@ impl<'a> Group<'a> {
         (samples / self.thinning).max(1)
     }
 
-    /// Lists the rows of a chunk: those of all orders in the first quarter of a pixel's samples, in the second, and in the second half,
-    /// of which the chunk has the samples up to `ends`.
+    /// Lists the rows of a chunk. `ends` are the numbers of its samples in the first quarter of a pixel's samples, in the first half, and in
+    /// all. The rows of all orders in the first quarter come first, then those in the second, then the rest.
     #[inline(always)]
     pub(super) fn list(&self, ends: [usize; 3], rows: &mut Vec<Row<'a>>) {
         rows.clear();

@@ -100,8 +100,8 @@ struct Joined {
     moved: [f64; 2],
 }
 
-/// The way of the light of cuts. It has the line of another, but its own number of samples: else all meetings of the tree, most of which
-/// carry little light, would be followed for as many samples as the other's light needs.
+/// The way of the light of cuts. It has the line of another way, but its own number of samples. With the other's number, nearly all meetings of
+/// the tree would be followed for as many, because most of them have a cut behind them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Rest {
     way: usize,
