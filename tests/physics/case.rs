@@ -7,8 +7,8 @@ use render::label::LabelSet;
 use render::layer::PerLayer;
 use render::trace::{
     Bow, FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, RoughPane,
-    RoughShape, Sampling, Scene, Slab, Stack, StackLayer, StackOptics, Texture, Tile, TileResult,
-    View, Wave, trace_tile,
+    RoughShape, Sampling, Scene, Slab, SmearedPane, Stack, StackLayer, StackOptics, Texture, Tile,
+    TileResult, View, Wave, trace_tile,
 };
 
 /// Indices of the layers.
@@ -292,13 +292,20 @@ impl Case {
         let layers = self.layers();
         let turned = self.turned();
         let smudges = self.smudges.as_ref().map(|smudges| smudges.tracer(self.axes()));
-        let is_free = wave.is_some() || turned.is_some() || smudges.is_some();
-        let smooth = || is_free.then(|| vec![0.0; layers.coatings().len()]);
+        let shape = RoughShape {
+            slab: &slab,
+            distance_m: self.distance_m,
+            bow: bow.as_ref(),
+            wave: wave.as_ref(),
+            turned: turned.as_deref(),
+        };
+        let even = || vec![0.0; layers.coatings().len()];
+        let smeared = smudges.map(|smudges| {
+            let alphas = self.roughness.clone().unwrap_or_else(even);
+            SmearedPane::new(&layers, &alphas, shape, between, radiance, self.tolerance, &smudges)
+        });
+        let smooth = || shape.is_free().then(even);
         let rough = self.roughness.clone().or_else(smooth).map(|alphas| {
-            let (bow, wave) = (bow.as_ref(), wave.as_ref());
-            let turned = turned.as_deref();
-            let (distance_m, smudges) = (self.distance_m, smudges.as_ref());
-            let shape = RoughShape { slab: &slab, distance_m, bow, wave, turned, smudges };
             let (pane, of_paths) =
                 RoughPane::new(&layers, &alphas, shape, between, radiance, self.tolerance);
             orders = of_paths;
@@ -328,6 +335,7 @@ impl Case {
             bow,
             wave,
             rough,
+            smeared,
             cover: self.covered.cover(self),
             front: front.into(),
             back: back.into(),

@@ -8,9 +8,10 @@ use crate::rough::RoughReference;
 use crate::sheet::Sheet;
 use glam::{DMat3, DVec3};
 use render::trace::{
-    Cut, FollowedOrder, Meeting, Order, PixelMeans, PixelSeed, RoughPane, Scene, Stack,
-    StackOptics, sample,
+    Cut, FollowedOrder, LARGEST_BALANCE, Meeting, Order, OrderPlan, PixelMeans, PixelSeed,
+    RoughPane, Scene, Stack, StackOptics, sample,
 };
+use std::collections::BTreeMap;
 
 /// Nodes and weights of the Gauss-Legendre rule with three points on [-1, 1], exact for polynomials of degree 5.
 const GAUSS_LEGENDRE: [(f64, f64); 3] =
@@ -29,9 +30,9 @@ pub(crate) struct Reference<'a> {
     front: Sheet<'a>,
     back: Sheet<'a>,
     pane: Pane,
-    rough: Option<RoughReference>,
-    /// Light of the paths that are not followed.
-    cuts: Vec<Cut>,
+    /// The clean pane, and the pane under smudges, each with the light of the paths that are not followed.
+    rough: Option<(RoughReference, Vec<Cut>)>,
+    smeared: Option<(RoughReference, Vec<Cut>)>,
     /// Rotation and shift from world coordinates x to the back camera's coordinates `rotation * x + shift`.
     to_back: (DMat3, DVec3),
 }
@@ -64,8 +65,9 @@ impl<'a> Reference<'a> {
                 ior: case.ior,
                 absorption_per_m: case.absorption_per_m,
             },
-            rough: RoughReference::new(case),
-            cuts: scene.rough.as_ref().map(RoughPane::cuts).unwrap_or_default(),
+            rough: RoughReference::new(case).zip(scene.rough.as_ref().map(RoughPane::cuts)),
+            smeared: RoughReference::smeared(case)
+                .zip(scene.smeared.as_ref().map(|smeared| smeared.pane().cuts())),
             to_back,
         }
     }
@@ -114,45 +116,60 @@ impl<'a> Reference<'a> {
         };
         let order = if is_front { Order::Transmitted(0) } else { Order::Reflected(0) };
         let (radiance, weight) = self.after(order, exit);
-        let smear = pane.smear_factor((seed, index), origin, d, is_front);
-        [0, 1, 2].map(|c| radiance[c] * weight[c] * smear)
+        [0, 1, 2].map(|c| radiance[c] * weight[c])
+    }
+
+    /// Returns the factor of smudges in the weight of an order, of the clean pane or of the pane under them.
+    fn smudge_factor(&self, order: Order, origin: DVec3, d: DVec3, is_smeared: bool) -> f64 {
+        let Some((pane, _)) = &self.smeared else { return 1.0 };
+        if self.case.covered.place(self.case, origin, d) != Place::Glass {
+            return 1.0;
+        }
+        let (share, smear) = (pane.share(origin, d), pane.smear());
+        let passes = if matches!(order, Order::Transmitted(_)) { 1 } else { 2 };
+        if is_smeared { share * smear.transmittance.powi(passes) } else { 1.0 - share }
     }
 
     /// Returns the radiance and the weight along an order, at the place where the ray meets the pane's plane. `rough` has the faces
-    /// of its path, the pixel and the number of the sample; without it, the faces are smooth.
+    /// of its path, the pixel and the number of the sample; without it, the faces are smooth. A path through the smeared pane `is_smeared`.
     fn behind_pane(
         &self,
         (order, carries_dropped): (Order, bool),
         origin: DVec3,
         d: DVec3,
-        rough: Option<Scattered<'_>>,
+        (rough, is_smeared): (Option<Scattered<'_>>, bool),
     ) -> ([f64; 3], [f64; 3]) {
         let covered = &self.case.covered;
+        let pane = if is_smeared { &self.smeared } else { &self.rough };
         match (covered.place(self.case, origin, d), order) {
-            (Place::Glass, _) => match (&self.rough, rough) {
-                (Some(pane), Some((paths, of))) => {
+            (Place::Glass, _) => match (pane, rough) {
+                (Some((pane, cuts)), Some((paths, of))) => {
                     let follow = |path: &&[Meeting]| pane.follow(path, of, origin, d);
                     let exits: Vec<Exit> = paths.iter().map(follow).collect();
                     let side = usize::from(matches!(order, Order::Reflected(_)));
                     let exit = self.mean_line(&exits, side == 1);
-                    // The light of cuts has an order of its own, with the line of the order before it.
-                    let is_rest = carries_dropped && !self.cuts.is_empty();
-                    let mut weight = if is_rest { [0.0; 3] } else { exit.weight() };
-                    for cut in self.cuts.iter().filter(|_| is_rest) {
-                        let light = pane.follow(&cut.meetings, of, origin, d).weight();
-                        (0..3).for_each(|c| weight[c] += light[c] * cut.division[side][c]);
-                    }
-                    let smear = pane.smear_factor(of, origin, d, side == 0);
-                    (self.after(order, exit).0, weight.map(|weight| weight * smear))
+                    let weight = scattered_weight(
+                        (pane, cuts),
+                        side,
+                        carries_dropped,
+                        (paths, of),
+                        origin,
+                        d,
+                    );
+                    (self.after(order, exit).0, weight)
                 }
-                (Some(pane), None) if pane.is_free() => self.after(order, pane.straight(origin, d)),
+                (Some((pane, _)), None) if pane.is_free() => {
+                    self.after(order, pane.straight(origin, d))
+                }
                 _ => self.behind_glass((order, carries_dropped), origin, d),
             },
-            (Place::Frame, Order::Transmitted(0)) => {
+            (Place::Frame, Order::Transmitted(0)) if !is_smeared => {
                 let edges = covered.edges.as_ref().expect("a frame has edges");
                 (edges.frame_radiance.map(f64::from), [1.0; 3])
             }
-            (Place::Beside, Order::Transmitted(0)) => (self.seen_in_front(origin, d), [1.0; 3]),
+            (Place::Beside, Order::Transmitted(0)) if !is_smeared => {
+                (self.seen_in_front(origin, d), [1.0; 3])
+            }
             _ => ([0.0; 3], [0.0; 3]),
         }
     }
@@ -319,6 +336,76 @@ impl<'a> Reference<'a> {
         radiance
     }
 
+    /// Returns the factors of orders behind facets by block and thinning: what orders of more samples leave of the light of all their samples, over
+    /// what they leave of the order's own.
+    fn balance(
+        &self,
+        (plan, pane, is_smeared): (&OrderPlan, Option<&RoughPane>, bool),
+        (x, y): (u32, u32),
+        seed: &PixelSeed,
+    ) -> BTreeMap<(u32, u32), [f64; 3]> {
+        let mut factors = BTreeMap::new();
+        let reference = if is_smeared { &self.smeared } else { &self.rough };
+        let (Some(pane), Some((reference, cuts))) = (pane, reference) else { return factors };
+        if !pane.has_facets() {
+            return factors;
+        }
+        let spp = self.scene.spp;
+        let block = spp.min(256);
+        let followed: Vec<_> = plan.front.iter().chain(&plan.back).enumerate().collect();
+        let mut thinnings: Vec<u32> = followed.iter().map(|(_, of)| of.thinning).collect();
+        thinnings.sort_unstable();
+        thinnings.dedup();
+        for of_block in 0..spp / block {
+            let samples = |thinning: u32| (block / thinning).max(1);
+            let mut left: Vec<[f64; 3]> = (0..block)
+                .map(|s| {
+                    let (_, lens, d) = self.camera(x, y, sample(seed, of_block * block + s));
+                    [if is_smeared { reference.share(lens, d) } else { 1.0 }; 3]
+                })
+                .collect();
+            let shares = left.clone();
+            let mean = |left: &[[f64; 3]], n: u32| {
+                let sums = left[..n as usize].iter();
+                let sum = |sum: [f64; 3], left: &[f64; 3]| [0, 1, 2].map(|c| sum[c] + left[c]);
+                sums.fold([0.0; 3], sum).map(|sum| (sum / f64::from(n)).max(0.0))
+            };
+            let (mut factor, mut missing) = ([1.0; 3], [0.0; 3]);
+            let mut kept = mean(&left, samples(thinnings[0]));
+            for pair in thinnings.windows(2) {
+                for (number, of) in followed.iter().filter(|(_, of)| of.thinning == pair[0]) {
+                    let side = usize::from(*number >= plan.front.len());
+                    let index = number - side * plan.front.len();
+                    let paths = pane.paths(of.order, index);
+                    for s in 0..samples(pair[0]) {
+                        let number = of_block * block + s;
+                        let (_, lens, d) = self.camera(x, y, sample(seed, number));
+                        let rays = (paths.as_slice(), (seed, number));
+                        let pane = (reference, cuts);
+                        let weight =
+                            scattered_weight(pane, side, of.carries_dropped, rays, lens, d);
+                        let s = s as usize;
+                        (0..3).for_each(|c| left[s][c] -= shares[s][c] * weight[c]);
+                    }
+                }
+                let [before, own] = [pair[0], pair[1]].map(|of| mean(&left, samples(of)));
+                for c in 0..3 {
+                    if pair[0] == thinnings[0] {
+                        kept[c] -= before[c];
+                    }
+                    let target = factor[c] * before[c];
+                    factor[c] *= (before[c] / own[c]).min(LARGEST_BALANCE);
+                    missing[c] += target - factor[c] * own[c];
+                }
+                factors.insert((of_block, pair[1]), factor);
+            }
+            // Without smudges in the pixel, nothing is kept.
+            let first = [0, 1, 2].map(|c| 1.0 + missing[c].max(0.0) / kept[c].max(1e-9));
+            factors.insert((of_block, thinnings[0]), first);
+        }
+        factors
+    }
+
     /// Renders the four layers of a pixel, to compare them with those that the tracer rendered.
     pub(crate) fn pixel(&self, x: u32, y: u32, traced: &PixelMeans) -> [[f64; 3]; 4] {
         let spp = self.scene.spp;
@@ -330,25 +417,35 @@ impl<'a> Reference<'a> {
         };
         let mut layers = [[0.0; 3]; 4];
         let orders = &self.scene.orders;
-        for (number, followed) in orders.front.iter().chain(&orders.back).enumerate() {
-            let taken = samples_of(followed, spp);
-            let index = number.checked_sub(orders.front.len()).unwrap_or(number);
-            let paths = self.scene.rough.as_ref().map(|r| r.paths(followed.order, index));
-            for s in (0..spp).filter(|s| s % 256 < taken.1) {
-                let (_, lens, d) = self.camera(x, y, sample(&seed, s));
+        let smeared = self.scene.smeared.as_ref();
+        let plans = [(orders, self.scene.rough.as_ref(), false)];
+        let smeared = smeared.map(|smeared| (&smeared.orders, Some(smeared.pane()), true));
+        for (plan, pane, is_smeared) in plans.into_iter().chain(smeared) {
+            let balance = self.balance((plan, pane, is_smeared), (x, y), &seed);
+            for (number, followed) in plan.front.iter().chain(&plan.back).enumerate() {
+                let taken = samples_of(followed, spp);
+                let index = number.checked_sub(plan.front.len()).unwrap_or(number);
                 let order = followed.order;
-                let scattered = paths.as_deref().map(|paths| (paths, (&seed, s)));
-                let of_order = (order, followed.carries_dropped);
-                let (radiance, weight) = self.behind_pane(of_order, lens, d, scattered);
-                add(&mut layers[0], radiance, weight, taken.0);
-                match followed.order {
-                    Order::Transmitted(0) => {
-                        // T sees through the smooth pane.
-                        let (bare, _) = self.behind_pane((order, false), lens, d, None);
-                        add(&mut layers[1], bare, [1.0; 3], taken.0);
+                let paths = pane.map(|pane| pane.paths(order, index));
+                for s in (0..spp).filter(|s| s % 256 < taken.1) {
+                    let (_, lens, d) = self.camera(x, y, sample(&seed, s));
+                    let scattered = (paths.as_deref().map(|paths| (paths, (&seed, s))), is_smeared);
+                    let of_order = (order, followed.carries_dropped);
+                    let (radiance, weight) = self.behind_pane(of_order, lens, d, scattered);
+                    let factor = self.smudge_factor(order, lens, d, is_smeared);
+                    let balance = balance.get(&(s / 256, followed.thinning)).unwrap_or(&[1.0; 3]);
+                    let weight = [0, 1, 2].map(|c| weight[c] * factor * balance[c]);
+                    add(&mut layers[0], radiance, weight, taken.0);
+                    match order {
+                        Order::Transmitted(0) if !is_smeared => {
+                            // T sees through the smooth pane.
+                            let smooth = (None, false);
+                            let (bare, _) = self.behind_pane((order, false), lens, d, smooth);
+                            add(&mut layers[1], bare, [1.0; 3], taken.0);
+                        }
+                        Order::Transmitted(_) => {}
+                        Order::Reflected(_) => add(&mut layers[2], radiance, weight, taken.0),
                     }
-                    Order::Transmitted(_) => {}
-                    Order::Reflected(_) => add(&mut layers[2], radiance, weight, taken.0),
                 }
             }
         }
@@ -390,7 +487,7 @@ impl<'a> Reference<'a> {
             let point = bent.entry(DVec3::ZERO, pinhole);
             return (point, bent.reflected(point, pinhole));
         }
-        if let (Some(pane), true) = (&self.rough, self.case.wave.is_some()) {
+        if let (Some((pane, _)), true) = (&self.rough, self.case.wave.is_some()) {
             return pane.mirrored(DVec3::ZERO, pinhole);
         }
         let (n, distance) = (self.pane.normal, self.pane.distance_m);
@@ -441,6 +538,31 @@ impl<'a> Reference<'a> {
         }
         sum
     }
+}
+
+/// Returns the weight of an order of one side along these paths through a pane; `is_last` has the light of cuts.
+fn scattered_weight(
+    (pane, cuts): (&RoughReference, &Vec<Cut>),
+    side: usize,
+    is_last: bool,
+    (paths, of): Scattered<'_>,
+    origin: DVec3,
+    d: DVec3,
+) -> [f64; 3] {
+    let mut weight = [0.0; 3];
+    // The light of cuts has an order of its own, with the line of the order before it.
+    if is_last && !cuts.is_empty() {
+        for cut in cuts {
+            let light = pane.follow(&cut.meetings, of, origin, d).weight();
+            (0..3).for_each(|c| weight[c] += light[c] * cut.division[side][c]);
+        }
+        return weight;
+    }
+    for path in paths {
+        let light = pane.follow(path, of, origin, d).weight();
+        (0..3).for_each(|c| weight[c] += light[c]);
+    }
+    weight
 }
 
 /// Returns the number of samples of an order in total, and in each block of at most 256.

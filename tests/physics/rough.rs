@@ -30,7 +30,7 @@ impl RoughReference {
     /// Returns the pane of a case with rough faces.
     pub(crate) fn new(case: &Case) -> Option<Self> {
         let (stack, wave, turned) = (case.layers(), case.waves(), case.turned());
-        let is_free = wave.is_some() || turned.is_some() || case.smudges.is_some();
+        let is_free = wave.is_some() || turned.is_some();
         let smooth = || is_free.then(|| vec![0.0; stack.coatings().len()]);
         let alphas = case.roughness.clone().or_else(smooth)?;
         Some(Self {
@@ -47,6 +47,14 @@ impl RoughReference {
         })
     }
 
+    /// Returns the pane of a case under its smudges, as if they covered all of it.
+    pub(crate) fn smeared(case: &Case) -> Option<Self> {
+        let smear = case.smudges.as_ref()?.smear;
+        let mut pane = Self::of_any(case);
+        pane.alphas[0] = smear.roughness;
+        Some(pane)
+    }
+
     /// Returns the pane of any case; its faces are smooth if the case does not say otherwise.
     pub(crate) fn of_any(case: &Case) -> Self {
         let faces = case.layers().coatings().len();
@@ -56,8 +64,8 @@ impl RoughReference {
     }
 
     /// Follows sample `index` of a pixel until it leaves, and chooses at each face with the probability of the light whether it passes
-    /// or is reflected: `choice` has a random number for each meeting. Returns the exit and whether it is to the front; `None` if no
-    /// light is left.
+    /// or is reflected, and in the proportion of the shares whether it meets smudges: `choice` has a random number for each meeting, and for
+    /// the smudges. Returns the exit and whether it is to the front; `None` if no light is left.
     pub(crate) fn walk(
         &self,
         of: (&PixelSeed, u32),
@@ -65,6 +73,16 @@ impl RoughReference {
         d: DVec3,
         choice: impl Fn(usize) -> f64,
     ) -> Option<(Exit, bool)> {
+        if let Some(smudges) = &self.smudges {
+            let mut pane = Self { smudges: None, ..self.clone() };
+            let smear = (choice(usize::MAX) < self.share(origin, d)).then_some(smudges.smear);
+            pane.alphas[0] = smear.map_or(self.alphas[0], |smear| smear.roughness);
+            let (mut exit, is_front) = pane.walk(of, origin, d, choice)?;
+            let passes = if is_front { 1 } else { 2 };
+            let passed = smear.map_or(1.0, |smear| smear.transmittance.powi(passes));
+            exit.share.as_flattened_mut().iter_mut().for_each(|share| *share *= passed);
+            return Some((exit, is_front));
+        }
         let (mut meetings, mut scale) = (vec![], 1.0);
         let (mut face, mut inward) = (0usize, true);
         loop {
@@ -147,30 +165,21 @@ impl RoughReference {
     /// Follows a ray through smooth faces.
     pub(crate) fn straight(&self, origin: DVec3, d: DVec3) -> Exit {
         let alphas = vec![0.0; self.alphas.len()];
-        let smooth = Self { alphas, smudges: None, ..self.clone() };
+        let smooth = Self { alphas, ..self.clone() };
         let meeting = |face| Meeting { face, inward: true, reflects: false };
         let meetings: Vec<Meeting> = (0..self.alphas.len()).map(meeting).collect();
         smooth.follow(&meetings, (&PixelSeed::new(0, 0, 0), 0), origin, d)
     }
 
-    /// Returns the smear, if sample `index` of a pixel meets it.
-    fn smear(&self, (seed, index): (&PixelSeed, u32), origin: DVec3, d: DVec3) -> Option<Smear> {
-        let smudges = self.smudges.as_ref()?;
-        let from_pivot = origin + self.reach(0, origin, d) * d - self.pivot;
-        let [u, ..] = sample(&seed.of_meeting(u32::MAX), index);
-        (f64::from(u) < smudges.share(self.axes, from_pivot)).then_some(smudges.smear)
+    /// Returns the smear of a pane with smudges.
+    pub(crate) fn smear(&self) -> Smear {
+        self.smudges.as_ref().expect("a pane with smudges").smear
     }
 
-    /// Returns the factor of the smear in the weight of light that leaves to the front or to the back.
-    pub(crate) fn smear_factor(
-        &self,
-        of: (&PixelSeed, u32),
-        origin: DVec3,
-        d: DVec3,
-        is_front: bool,
-    ) -> f64 {
-        let smear = self.smear(of, origin, d);
-        smear.map_or(1.0, |smear| smear.transmittance.powi(if is_front { 1 } else { 2 }))
+    /// Returns the share of a ray's light that meets smudges.
+    pub(crate) fn share(&self, origin: DVec3, d: DVec3) -> f64 {
+        let from_pivot = origin + self.reach(0, origin, d) * d - self.pivot;
+        self.smudges.as_ref().map_or(0.0, |smudges| smudges.share(self.axes, from_pivot))
     }
 
     /// True if the faces are no parallel planes or spheres.
@@ -189,7 +198,6 @@ impl RoughReference {
         let (mut point, mut d, mut share) = (origin, d.normalize(), [[1.0; 3]; 2]);
         // Coatings have the shares of the camera ray's angle; coated panes are flat.
         let cos_i = d.dot(self.normal);
-        let smear = self.smear((seed, index), origin, d);
         let mut before: Option<usize> = None;
         let ior = |layer: Option<usize>| {
             layer.and_then(|layer| self.layers.get(layer)).map_or(1.0, |layer| layer.ior)
@@ -210,8 +218,7 @@ impl RoughReference {
             before = Some(number);
             let [across, down, n] = self.frame(number, point);
             let [u, v, ..] = sample(&seed.of_meeting(k as u32), index);
-            let alpha =
-                smear.filter(|_| number == 0).map_or(self.alphas[number], |smear| smear.roughness);
+            let alpha = self.alphas[number];
             let [x, y] = visible_slopes(alpha, [d.dot(across), d.dot(down), d.dot(n)], [u, v]);
             // The face's and the facet's normals on the far side of the light.
             let side = if inward { 1.0 } else { -1.0 };
@@ -393,7 +400,7 @@ fn lost_light_is_stated() {
             "alpha {alpha}, yaw {yaw_deg}: {missing:.1e} of the light is missing, stated {shadowed:.1e}; misplaced {dropped:?}"
         );
         assert!(missing < shadowed + 2e-4 && missing > -2e-4, "{missing}");
-        // The bound is that of the worst pixel.
-        assert!(shadowed < 12.0 * missing.max(0.0) + 1e-3, "{shadowed}");
+        // The bound is that of the worst pixel, and the balance of orders hands on a part.
+        assert!(shadowed < 15.0 * missing.max(0.0) + 1e-3, "{shadowed}");
     }
 }

@@ -20,7 +20,8 @@ use super::surface::{back_surface, front_surface};
 use super::view::OddView;
 use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine, Side};
 use crate::trace::{
-    Bow, Cover, Lens, OrderPlan, RoughPane, RoughShape, Sampling, Scene, Slab, StackOptics,
+    Bow, Cover, Lens, OrderPlan, RoughPane, RoughShape, Sampling, Scene, Slab, SmearedPane,
+    Smudges, StackOptics,
 };
 use glam::DVec3;
 
@@ -66,10 +67,10 @@ pub fn assemble_decoded(
     let directions = film_directions(reach);
     let bow = bow(line);
     let cosines = cosines(&directions, &slab, bow.as_ref());
-    let (brightest, tolerance) =
-        ([max_radiance.front, max_radiance.back], line.film.order_tolerance);
+    let brightest = [max_radiance.front, max_radiance.back];
+    let tolerance = line.film.order_tolerance;
     let between = cosines_between(&cosines, reach);
-    let (stack, mut orders) = match stack(line) {
+    let (stack, orders) = match stack(line) {
         None => (None, OrderPlan::new(&slab, &cosines, brightest, tolerance)),
         Some(stack) => {
             let (stack, orders) = StackOptics::new(&stack, between, brightest, tolerance);
@@ -83,12 +84,10 @@ pub fn assemble_decoded(
         bow: bow.as_ref(),
         wave: wave.as_ref(),
         turned: turned.as_deref(),
-        smudges: smudges.as_ref(),
     };
-    let rough = rough_pane(line, shape, between, brightest).map(|(pane, of_paths)| {
-        orders = of_paths;
-        pane
-    });
+    let smeared = smudges.map(|of| smeared_pane(line, shape, between, brightest, &of));
+    let (rough, orders) = rough_pane(line, shape, between, brightest)
+        .map_or((None, orders), |(pane, of_paths)| (Some(pane), of_paths));
 
     let near = Near { slab: &slab, distance_m: line.glass.distance_m, reach };
     let too_near_share = Sides {
@@ -130,13 +129,14 @@ pub fn assemble_decoded(
         bow,
         wave,
         rough,
+        smeared,
         orders,
         cover,
         front,
         back,
     };
     scene.join_orders(nearest_m, brightest, tolerance);
-    facts.state_orders(&scene.orders, scene.spp);
+    facts.state_orders(&scene);
     Ok((scene, facts))
 }
 
@@ -184,7 +184,7 @@ fn cosines(directions: &[DVec3], slab: &Slab, bow: Option<&Bow>) -> Vec<f64> {
     directions.iter().map(cosine).collect()
 }
 
-/// Returns a pane with rough faces, waves, a wedge or smudges, and the paths through it; `None` for other panes.
+/// Returns a pane with rough faces, waves or a wedge, and the paths through it; `None` for other panes.
 fn rough_pane(
     line: &SceneLine,
     shape: RoughShape<'_>,
@@ -192,10 +192,23 @@ fn rough_pane(
     brightest: [f64; 2],
 ) -> Option<(RoughPane, OrderPlan)> {
     let layers = layers(line);
-    let has_paths = shape.is_free() || shape.smudges.is_some();
-    let smooth = || has_paths.then(|| vec![0.0; layers.coatings().len()]);
+    let smooth = || shape.is_free().then(|| vec![0.0; layers.coatings().len()]);
     let alphas = roughness(line).or_else(smooth)?;
     Some(RoughPane::new(&layers, &alphas, shape, between, brightest, line.film.order_tolerance))
+}
+
+/// Returns a line's pane as if its smudges covered all of it, and them.
+fn smeared_pane(
+    line: &SceneLine,
+    shape: RoughShape<'_>,
+    between: [f64; 2],
+    brightest: [f64; 2],
+    smudges: &Smudges,
+) -> SmearedPane {
+    let layers = layers(line);
+    let alphas = roughness(line).unwrap_or_else(|| vec![0.0; layers.coatings().len()]);
+    let tolerance = line.film.order_tolerance;
+    SmearedPane::new(&layers, &alphas, shape, between, brightest, tolerance, smudges)
 }
 
 /// Makes the lens, with its focus distance, m; `None` is infinity.

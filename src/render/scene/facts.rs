@@ -7,7 +7,7 @@ use super::negligible::Negligible;
 use super::place::MeshFacts;
 use super::relative::RelativeEnds;
 use super::view::OddView;
-use crate::trace::{BLOCK, Order, OrderPlan};
+use crate::trace::{BLOCK, Order, OrderPlan, Scene};
 use serde::{Deserialize, Serialize};
 
 /// Facts about a loaded scene, stored in partials and `tuple.json`.
@@ -59,12 +59,16 @@ pub struct SceneFacts {
 }
 
 impl SceneFacts {
-    /// States the orders of a plan, with their numbers of samples out of `spp`.
-    pub(super) fn state_orders(&mut self, orders: &OrderPlan, spp: u32) {
-        self.orders = order_facts(orders, spp);
-        self.dropped = Sides { front: orders.dropped[0], back: orders.dropped[1] };
-        self.shadowed = orders.shadowed;
-        self.search_was_bounded = orders.search_was_bounded;
+    /// States the orders of a scene, with their numbers of samples.
+    pub(super) fn state_orders(&mut self, scene: &Scene) {
+        let smeared = scene.smeared.as_ref().map(|smeared| &smeared.orders);
+        self.orders = order_facts(&scene.orders, scene.spp, "");
+        self.orders.extend(smeared.iter().flat_map(|of| order_facts(of, scene.spp, "s")));
+        let plans = || std::iter::once(&scene.orders).chain(smeared);
+        let [front, back] = [0, 1].map(|side| plans().map(|plan| plan.dropped[side]).sum());
+        self.dropped = Sides { front, back };
+        self.shadowed = plans().map(|plan| plan.shadowed).sum();
+        self.search_was_bounded = plans().any(|plan| plan.search_was_bounded);
     }
 
     /// Returns remarks on the scene's files.
@@ -125,21 +129,21 @@ impl<T> SidesWith<T> {
 /// An order of the glass that the tracer follows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OrderFact {
-    /// Name of the order: `t0`, `t1`, ..., `r0`, `r1`, ...
+    /// Name of the order: `t0`, `t1`, ..., `r0`, `r1`, ...; of light that meets smudges, `st0`, ..., `sr0`, ...
     pub order: String,
     /// Largest weight over the film.
     pub max_weight: f64,
     pub samples: u32,
 }
 
-/// Lists the orders of the plan, each with its number of samples out of `spp`.
-fn order_facts(orders: &OrderPlan, spp: u32) -> Vec<OrderFact> {
+/// Lists the orders of the plan, each with its number of samples out of `spp`. Their names begin with `prefix`.
+fn order_facts(orders: &OrderPlan, spp: u32, prefix: &str) -> Vec<OrderFact> {
     let block = spp.min(BLOCK as u32);
     let all = orders.front.iter().chain(&orders.back);
     all.map(|followed| OrderFact {
         order: match followed.order {
-            Order::Transmitted(k) => format!("t{k}"),
-            Order::Reflected(k) => format!("r{k}"),
+            Order::Transmitted(k) => format!("{prefix}t{k}"),
+            Order::Reflected(k) => format!("{prefix}r{k}"),
         },
         max_weight: followed.max_weight,
         samples: followed.samples_of_block(block) * (spp / block),

@@ -89,7 +89,7 @@ impl LoadedScene {
         (scene.seed, scene.spp) = (line.seed, line.film.spp);
         scene.layers = line.film.layers.asked();
         scene.labels = line.film.layers.labels();
-        self.facts.state_orders(&scene.orders, scene.spp);
+        self.facts.state_orders(scene);
     }
 }
 

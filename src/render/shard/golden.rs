@@ -41,11 +41,11 @@ const DIGESTS: &[(&str, &str)] = &[
     ("display-p3", "fc407955087b716b57633d3a7c58af1a3f6e66b1ca1da473c4fff8da82a736af"),
     ("double", "41ea30788f4b0ff12dbe2213226e95f284d1e256a5799a32bd38d2a309d14c29"),
     ("bent", "e2d9a8c69789b43dd7c77d40cf3151804ae53f190b49a64f650c0b50275d8557"),
-    ("rough", "411e1034976450804dd050880ebc6b5dd3d8a5ca4e116ed86bf3991c6c9c5a0c"),
+    ("rough", "6cc4d532203a3f9b77b6444b8296056176d36cfe434b1668ed1323a6fb58a11d"),
     ("waved", "45beee508d80bdaa96b0071139060ce9b7735a03c38751086d856d625146ffa0"),
     ("framed", "d3df85854581832b764fe26c91178f531d341575593c92724d36abaad78ce441"),
     ("framed-camera", "124b8f85146ebf692cdda8486ba16ff0a5c1e251fb41d247743d77ed55b62786"),
-    ("smudged", "53a5091520529911d6efa10c8fba92d9f27aab76d1da138edb641d30d37e579f"),
+    ("smudged", "434c3b991ca9b743b5f4c88c70e6669d1051b2f85970b782fb634919963ef9af"),
 ];
 
 /// Traces the golden scenes on this machine, which takes one thread tens of milliseconds. Returns one joint digest.

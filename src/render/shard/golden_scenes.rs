@@ -12,8 +12,8 @@ use crate::line::Apex;
 use crate::scene::{BackCamera, decode_srgb_image};
 use crate::trace::{
     Bow, Card, Coating, Cover, FilmPlane, FilterTable, Grid, Lens, OrderPlan, Outline, Pose,
-    RoughPane, RoughShape, Sampling, Scene, Slab, Smear, Smudges, Stack, StackLayer, StackOptics,
-    Texture, View, Wave,
+    RoughPane, RoughShape, Sampling, Scene, Slab, Smear, SmearedPane, Smudges, Stack, StackLayer,
+    StackOptics, Texture, View, Wave,
 };
 use glam::{DMat3, DVec3};
 use std::sync::Arc;
@@ -222,25 +222,24 @@ impl Parameters {
             (self.pane == Pane::Bent).then_some(Bow { curvature_per_m: 0.2, distance_m: 0.3 });
         let (wave, smudges) = (self.pane.wave(), self.pane.smudges());
         let alphas = [0.01, 0.02, 0.0, 0.01].map(|alpha| if wave.is_some() { 0.0 } else { alpha });
-        let rough = layers.filter(|_| self.pane != Pane::Double).map(|layers| {
-            let turned = [
-                DMat3::IDENTITY,
-                DMat3::from_rotation_y(0.01),
-                DMat3::from_rotation_x(0.01),
-                DMat3::IDENTITY,
-            ];
-            let shape = RoughShape {
-                slab: &slab,
-                distance_m: 0.3,
-                bow: None,
-                wave: wave.as_ref(),
-                turned: wave.is_some().then_some(turned.as_slice()),
-                smudges: smudges.as_ref(),
-            };
+        let [x, y] = [DMat3::from_rotation_x(0.01), DMat3::from_rotation_y(0.01)];
+        let turned = [DMat3::IDENTITY, y, x, DMat3::IDENTITY];
+        let shape = RoughShape {
+            slab: &slab,
+            distance_m: 0.3,
+            bow: None,
+            wave: wave.as_ref(),
+            turned: wave.is_some().then_some(turned.as_slice()),
+        };
+        let uneven = layers.filter(|_| self.pane != Pane::Double);
+        let rough = uneven.as_ref().map(|layers| {
             let (pane, of_paths) =
-                RoughPane::new(&layers, &alphas, shape, between, radiance, tolerance);
+                RoughPane::new(layers, &alphas, shape, between, radiance, tolerance);
             orders = of_paths;
             pane
+        });
+        let smeared = uneven.zip(smudges).map(|(layers, smudges)| {
+            SmearedPane::new(&layers, &alphas, shape, between, radiance, tolerance, &smudges)
         });
         let mut scene = Scene {
             seed: 2020,
@@ -262,6 +261,7 @@ impl Parameters {
             bow,
             wave,
             rough,
+            smeared,
             front: front.into(),
             back: back.into(),
         };

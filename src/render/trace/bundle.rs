@@ -29,6 +29,14 @@ pub(super) struct Row<'a> {
     pub(super) carries_dropped: bool,
 }
 
+impl Row<'_> {
+    /// True for t_0, which passes the pane where it is clean, or beside it. T sees what it sees.
+    #[inline(always)]
+    pub(super) fn is_t_0(&self) -> bool {
+        self.order == Some(Order::Transmitted(0)) && !matches!(self.path, Path::Smeared(_))
+    }
+}
+
 /// Rows of a chunk that see one side. t_0 and R share no bundle with other orders.
 pub(super) struct Bundle<'a> {
     pub(super) patch: &'a Patch,
@@ -44,10 +52,16 @@ pub(super) struct Bundle<'a> {
 }
 
 impl Bundle<'_> {
-    /// Returns the order of the first row: `None` for R, and t_0 for a bundle of t_0.
+    /// Returns the order of the first row: `None` for R.
     #[inline(always)]
     pub(super) fn order(&self) -> Option<Order> {
         self.rows[0].order
+    }
+
+    /// True for t_0, which is alone.
+    #[inline(always)]
+    pub(super) fn is_t_0(&self) -> bool {
+        self.rows[0].is_t_0()
     }
 
     /// True if the pane has no closed form of the rays.
@@ -268,7 +282,7 @@ impl BundleRays {
     /// Finds the effects of outline, frame and cards, from the hits of the bundle's lines. Returns false if there are none.
     #[inline(always)]
     fn cover(&mut self, scene: &Scene, view: &View, bundle: &Bundle) -> bool {
-        let is_t_0 = bundle.order() == Some(Order::Transmitted(0));
+        let is_t_0 = bundle.is_t_0();
         let samples = bundle.rows.iter().map(|row| row.sample);
         self.overlay.begin(&scene.cover, bundle.entries(), is_t_0, samples);
         let mut is_covered = !bundle.entries().all_glass;
@@ -311,6 +325,7 @@ impl BundleRays {
         let (slab, camera, hits) = (&scene.slab, bundle.camera, &mut *self.hits);
         let is_coloured = match (bundle.rows[0].path, &scene.stack) {
             (Path::Rough(_), _) => camera.rough.is_coloured,
+            (Path::Smeared(_), _) => camera.smeared.is_coloured,
             (Path::Stack(_), Some(stack)) => stack.is_coloured(),
             // r_0, which crosses no glass, shares no bundle with others.
             _ => slab.absorbs_in(order) || (bundle.rows[0].carries_dropped && slab.absorbs()),
@@ -318,6 +333,7 @@ impl BundleRays {
         for (r, row) in bundle.rows.iter().enumerate() {
             match row.path {
                 Path::Rough(way) => hits.take_weights(r, &camera.rough, way, row.sample),
+                Path::Smeared(way) => hits.take_weights(r, &camera.smeared, way, row.sample),
                 Path::Stack(table) => hits.weigh(r, table, camera, row.sample, is_coloured),
                 _ if row.carries_dropped => {
                     hits.set(r, weights_with_dropped(scene, camera, row), is_coloured);
@@ -325,13 +341,27 @@ impl BundleRays {
                 _ => hits.set(r, weights_alone(scene, camera, row, is_coloured), is_coloured),
             }
         }
-        if order == Order::Transmitted(0) && !camera.entries.all_glass {
+        for (r, row) in bundle.rows.iter().enumerate() {
+            if let Some(factor) = smudge_factor(scene, camera, row) {
+                hits.scale(r, &factor, is_coloured);
+            }
+        }
+        if bundle.is_t_0() && !camera.entries.all_glass {
             for (r, row) in bundle.rows.iter().enumerate() {
                 hits.pass_beside(r, &camera.entries.glass[row.sample]);
             }
         }
         if is_coloured { Factors::Colour } else { Factors::Grey }
     }
+}
+
+/// Returns the factor of smudges in the weights of a row; `None` if no ray of the chunk meets any.
+#[inline(always)]
+pub(super) fn smudge_factor(scene: &Scene, camera: &CameraChunk, row: &Row<'_>) -> Option<Lane> {
+    let smeared = scene.smeared.as_ref().filter(|_| camera.meets_smudges)?;
+    let is_smeared = matches!(row.path, Path::Smeared(_));
+    let side = usize::from(matches!(row.order, Some(Order::Reflected(_))));
+    Some(smeared.smudges.factor(is_smeared, side, &camera.shares[row.sample]))
 }
 
 /// Computes the weights of an order of a single layer for a row: red, green, blue. Without colours, all are that of red.

@@ -8,6 +8,7 @@ use super::patch::Patch;
 use super::rough::{CameraRays, RoughPane, RoughRays};
 use super::sampler::points;
 use super::scene::Scene;
+use super::smudges::SmearedPane;
 use super::stack::StackOptics;
 
 /// Samples of the sixteen pixels of a patch, one lane for each pixel; film points and directions are relative to the
@@ -33,6 +34,11 @@ pub(super) struct CameraChunk {
     pub(super) bent: Box<BentRays>,
     /// Rays behind rough faces, along all ways.
     pub(super) rough: Box<RoughRays>,
+    /// The same behind the pane under smudges, and the shares of the rays' light that meets it.
+    pub(super) smeared: Box<RoughRays>,
+    pub(super) shares: [Lane; CHUNK],
+    /// True if any share is above 0.
+    pub(super) meets_smudges: bool,
     /// Places at which the rays meet the pane's plane.
     pub(super) entries: Entries,
     /// The same of R's rays, which pass no lens.
@@ -55,6 +61,9 @@ impl CameraChunk {
             within: lanes,
             bent: BentRays::new(),
             rough: RoughRays::new(),
+            smeared: RoughRays::new(),
+            shares: lanes,
+            meets_smudges: false,
             entries: Entries::new(),
             pinhole_entries: Entries::new(),
         })
@@ -102,6 +111,7 @@ impl CameraChunk {
         }
         self.meet_glass(scene, patch, count);
         self.rough.begin(first, count);
+        self.smeared.begin(first, count);
     }
 
     /// Aims one ray of each pixel through the centres of pixel and lens.
@@ -134,7 +144,7 @@ impl CameraChunk {
         }
     }
 
-    /// Traces the rays of the chunk along the ways through rough faces: `taken` are the numbers of samples of each.
+    /// Traces the rays of the chunk along the ways through a pane with rough faces: `taken` are the numbers of samples of each.
     #[inline(always)]
     pub(super) fn scatter(
         &mut self,
@@ -144,9 +154,25 @@ impl CameraChunk {
         taken: &[usize],
         isa: Isa,
     ) {
-        let (sampling, direction, lens) = (scene.sampling, &self.direction, &self.lens);
-        let rays = CameraRays { patch, sampling, direction, lens, taken };
+        let rays = camera_rays(scene, patch, &self.direction, &self.lens, taken);
         self.rough.follow(pane, &rays, isa);
+    }
+
+    /// Finds the shares of the chunk's light that meet smudges, and traces it along the ways through the pane under them, if there is any.
+    #[inline(always)]
+    pub(super) fn smear(
+        &mut self,
+        scene: &Scene,
+        SmearedPane { pane, smudges, .. }: &SmearedPane,
+        patch: &Patch,
+        taken: &[usize],
+        isa: Isa,
+    ) {
+        let rays = camera_rays(scene, patch, &self.direction, &self.lens, taken);
+        self.meets_smudges = self.smeared.meet_smudges(pane, smudges, &rays, &mut self.shares);
+        if self.meets_smudges {
+            self.smeared.follow(pane, &rays, isa);
+        }
     }
 
     /// Locates the rays' cosines of incidence in the tables of a stack.
@@ -197,6 +223,18 @@ impl CameraChunk {
             }
         }
     }
+}
+
+/// Returns the rays of a chunk for panes with rough faces.
+#[inline(always)]
+fn camera_rays<'a>(
+    scene: &Scene,
+    patch: &'a Patch,
+    direction: &'a [[Lane; CHUNK]; 2],
+    lens: &'a [[Lane; CHUNK]; 2],
+    taken: &'a [usize],
+) -> CameraRays<'a> {
+    CameraRays { patch, sampling: scene.sampling, direction, lens, taken }
 }
 
 /// Applies Shirley and Chiu's concentric map from the unit square to the unit disc.

@@ -18,8 +18,6 @@ pub use card::Card;
 pub(super) use outline::Entries;
 pub use outline::Outline;
 
-use super::slab::Order;
-
 /// The objects that cover a part of the picture; none by default.
 #[derive(Clone, Debug, Default)]
 pub struct Cover {
@@ -33,10 +31,5 @@ impl Cover {
     /// True if edges or cards may cover a part of R.
     pub(super) fn may_cover_clean_reflection(&self) -> bool {
         self.outline.is_some() || !self.cards[1].is_empty()
-    }
-
-    /// True if the rays of `order` may pass beside the glass, without a shift.
-    pub(super) fn may_pass_beside(&self, order: Option<Order>) -> bool {
-        self.outline.is_some() && order == Some(Order::Transmitted(0))
     }
 }

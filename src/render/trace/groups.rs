@@ -5,9 +5,10 @@
 
 use super::bundle::Row;
 use super::lines::{Path, path_of, pinhole_path, smooth_path_of};
-use super::orders::FollowedOrder;
+use super::orders::{FollowedOrder, OrderPlan};
 use super::scene::Scene;
 use super::slab::Order;
+use super::smudges::SmearedPane;
 
 /// Thinning from which on orders share bundles.
 const SHARED_THINNING: u32 = 4;
@@ -16,6 +17,8 @@ const SHARED_THINNING: u32 = 4;
 pub(super) struct Group<'a> {
     /// Divisor of the samples (see [`FollowedOrder::thinning`]).
     pub(super) thinning: u32,
+    /// True if the light meets smudges.
+    pub(super) is_smeared: bool,
     /// One row of each order, of sample 0.
     pub(super) rows: Vec<Row<'a>>,
     pub(super) paths: Vec<Path<'a>>,
@@ -23,7 +26,7 @@ pub(super) struct Group<'a> {
 
 /// The groups of a scene.
 pub(super) struct Groups<'a> {
-    /// Groups of the front, t_0 first, and of the back, the first order first. These two orders are alone.
+    /// Groups of the front, t_0 first, and of the back, the first order first; then those under smudges. The first orders are alone.
     pub(super) sides: [Vec<Group<'a>>; 2],
     /// The path of T.
     pub(super) bare: Group<'a>,
@@ -32,9 +35,19 @@ pub(super) struct Groups<'a> {
 }
 
 impl<'a> Group<'a> {
-    fn new(thinning: u32, rows: Vec<Row<'a>>) -> Self {
-        let paths = rows.iter().map(|row| row.path).collect();
-        Self { thinning, rows, paths }
+    fn new(thinning: u32, row: Row<'a>) -> Self {
+        let is_smeared = matches!(row.path, Path::Smeared(_));
+        Self { thinning, is_smeared, paths: vec![row.path], rows: vec![row] }
+    }
+
+    /// True for t_0 through the clean pane, or beside it.
+    pub(super) fn is_t_0(&self) -> bool {
+        self.rows[0].is_t_0()
+    }
+
+    /// True for the reflection of the front face.
+    pub(super) fn is_r_0(&self) -> bool {
+        self.rows[0].order == Some(Order::Reflected(0))
     }
 
     /// Returns the number of samples that each order takes of an aligned block (of at most 256).
@@ -62,10 +75,31 @@ impl<'a> Groups<'a> {
         let bare = row(smooth_path_of(scene, bare, 0), Some(bare), false);
         let clean = row(pinhole_path(scene), None, false);
         Self {
-            sides: [&scene.orders.front, &scene.orders.back].map(|of| group(scene, of)),
-            bare: Group::new(1, vec![bare]),
-            clean: Group::new(1, vec![clean]),
+            sides: [0, 1].map(|side| {
+                let orders = |plan: &'a OrderPlan| [&plan.front, &plan.back][side];
+                let mut groups =
+                    group(orders(&scene.orders), |order, index| path_of(scene, order, index));
+                if let Some(SmearedPane { pane, orders: plan, .. }) = &scene.smeared {
+                    groups.extend(group(orders(plan), |order, index| {
+                        Path::Smeared(pane.way(order, index))
+                    }));
+                }
+                groups
+            }),
+            bare: Group::new(1, bare),
+            clean: Group::new(1, clean),
         }
+    }
+
+    /// Returns thinning and way of each order through a pane with facets: the clean one, or that under smudges.
+    pub(super) fn ways(&self, is_smeared: bool) -> impl Iterator<Item = (u32, usize)> {
+        self.sides.iter().flatten().flat_map(move |group| {
+            group.paths.iter().filter_map(move |path| match path {
+                Path::Rough(way) if !is_smeared => Some((group.thinning, *way)),
+                Path::Smeared(way) if is_smeared => Some((group.thinning, *way)),
+                _ => None,
+            })
+        })
     }
 
     /// Returns the number of groups of both sides, of T and of R.
@@ -74,12 +108,15 @@ impl<'a> Groups<'a> {
     }
 }
 
-/// Groups the orders of a side.
-fn group<'a>(scene: &'a Scene, orders: &'a [FollowedOrder]) -> Vec<Group<'a>> {
+/// Groups the orders of a side, which have these paths.
+fn group<'a>(
+    orders: &[FollowedOrder],
+    path_of: impl Fn(Order, usize) -> Path<'a>,
+) -> Vec<Group<'a>> {
     let mut groups: Vec<Group<'a>> = vec![];
     for (index, followed) in orders.iter().enumerate() {
         let FollowedOrder { order, thinning, carries_dropped, .. } = *followed;
-        let path = path_of(scene, order, index);
+        let path = path_of(order, index);
         let row = Row { sample: 0, path, order: Some(order), carries_dropped };
         let shares = thinning >= SHARED_THINNING;
         let others = groups.iter_mut().skip(1).find(|group| group.thinning == thinning);
@@ -88,7 +125,7 @@ fn group<'a>(scene: &'a Scene, orders: &'a [FollowedOrder]) -> Vec<Group<'a>> {
                 group.rows.push(row);
                 group.paths.push(path);
             }
-            None => groups.push(Group::new(thinning, vec![row])),
+            None => groups.push(Group::new(thinning, row)),
         }
     }
     groups

@@ -27,6 +27,7 @@
 #![allow(clippy::cast_possible_wrap, reason = "grids and textures have fewer than 2^31 elements")]
 
 mod adaptive;
+mod balance;
 mod bent;
 mod bow;
 mod bundle;
@@ -62,6 +63,7 @@ mod walk;
 mod wave;
 
 pub use adaptive::CELL_PX;
+pub use balance::LARGEST_BALANCE;
 pub use bow::Bow;
 pub use cover::{Card, Cover, Outline};
 pub use grid::Grid;
@@ -74,7 +76,7 @@ pub use rough::{Cut, Meeting, RoughPane, RoughShape, visible_share, visible_shif
 pub use sampler::{BLOCK, PixelSeed, sample};
 pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, Surface, View};
 pub use slab::{Order, Slab};
-pub use smudges::{Smear, Smudges};
+pub use smudges::{Smear, SmearedPane, Smudges};
 pub use stack::{Coating, Exit, Stack, StackLayer, StackOptics, StackOrder, StackTable};
 pub use texture::Texture;
 pub use tile::{Tile, TileResult, trace_tile};

@@ -45,7 +45,6 @@ pub use visible::{visible_share, visible_shift};
 use super::bow::Bow;
 use super::orders::OrderPlan;
 use super::slab::{Order, Slab};
-use super::smudges::{SmudgeLanes, Smudges};
 use super::stack::{Coating, Exit, Stack};
 use super::wave::{Wave, WaveLanes};
 use coat::Coat;
@@ -70,7 +69,6 @@ pub struct RoughPane {
     light: Light,
     coats: Vec<Coat>,
     search_was_bounded: bool,
-    smudges: Option<SmudgeLanes>,
     /// Two directions that span the pane's plane at the pivot, and its normal, which points away from the lens.
     axes: [Vec3; 3],
     /// Distance of the pivot from the lens along the optical axis, m.
@@ -148,8 +146,6 @@ pub struct RoughShape<'a> {
     /// Rotation of each face against the first, about the point of the face on the normal through the pivot; without it, all
     /// are parallel.
     pub turned: Option<&'a [DMat3]>,
-    /// Smudges on the first face.
-    pub smudges: Option<&'a Smudges>,
 }
 
 impl RoughShape<'_> {
@@ -173,8 +169,7 @@ impl RoughShape<'_> {
 #[derive(Clone, Debug, PartialEq)]
 struct Step {
     face: usize,
-    /// Roughness of the face where it is clean, and under smudges.
-    alphas: [f32; 2],
+    alpha: f32,
     is_rough: bool,
     /// Indices of refraction before and behind the face, as the light travels.
     ior: [f32; 2],
@@ -195,7 +190,7 @@ struct Step {
 }
 
 impl RoughPane {
-    /// Selects the paths of a pane whose clean faces have the roughness `alphas`, for cosines of incidence between these two, the largest radiances of the front and the back scene, and the film's tolerance.
+    /// Selects the paths of a pane whose faces have the roughness `alphas`, for cosines of incidence between these two, the largest radiances of the front and the back scene, and the film's tolerance.
     ///
     /// Panics if the numbers of faces and alphas differ.
     pub fn new(
@@ -215,12 +210,6 @@ impl RoughPane {
         let miss_cos = (2.0 * stack.thickness_m() * curvature_per_m.abs()).sqrt();
         let least_cos = miss_cos.max(f64::from(LEAST_COS));
         let between = [between[0].max(least_cos), between[1].min(1.0)];
-        let mut smeared = alphas.to_vec();
-        if let Some(smudges) = shape.smudges {
-            smeared[0] = smudges.smear().roughness;
-        }
-        let largest: Vec<f64> =
-            alphas.iter().zip(&smeared).map(|(clean, smeared)| clean.max(*smeared)).collect();
         let turned = shape.faces(axes, alphas.len());
         let crests = shape.wave.map(|wave| Crests {
             across: axes.map(|axis| axis.dot(wave.across_crests)).into(),
@@ -229,27 +218,22 @@ impl RoughPane {
         });
         let azimuth = DVec3::new(across.z, axes[1].z, 0.0).try_normalize().unwrap_or(DVec3::X);
         let of_shape = if shape.turned.is_some() { &turned[..] } else { &[] };
-        let faces = |alphas| Faces { stack, alphas, least_cos, turned: of_shape, crests, azimuth };
+        let faces = Faces { stack, alphas, least_cos, turned: of_shape, crests, azimuth };
         let mut shares = MeanShares::default();
-        let selection = select(&faces(&largest), &mut shares, between, max_radiance, tolerance);
+        let selection = select(&faces, &mut shares, between, max_radiance, tolerance);
         let orders = selection.sides.each_ref().map(|paths| (0..paths.len()).collect::<Vec<_>>());
         let count = orders[0].len() + orders[1].len();
         let tree = Tree::new(&selection.sides);
-        let mut light = measure(&faces(alphas), &mut shares, &tree, count, between);
-        if smeared != alphas {
-            light = light.or(measure(&faces(&smeared), &mut shares, &tree, count, between));
-        }
+        let light = measure(&faces, &mut shares, &tree, count, between);
         let joined = Joined::new(orders.each_ref().map(Vec::as_slice), tree.cuts > 0, [0.0; 2]);
-        let of_faces: Vec<[f64; 2]> =
-            alphas.iter().zip(&smeared).map(|(clean, smeared)| [*clean, *smeared]).collect();
         let maker = StepMaker { stack, curvature_per_m, turned: &turned };
-        let is_smooth = alphas.iter().all(|alpha| *alpha == 0.0) && shape.smudges.is_none();
+        let is_smooth = alphas.iter().all(|alpha| *alpha == 0.0);
         let straight = shape.is_free().then(|| {
             let meetings = straight(alphas.len());
-            let smooth = vec![[0.0; 2]; alphas.len()];
+            let smooth = vec![0.0; alphas.len()];
             maker.chain(&smooth, &meetings)
         });
-        let program = maker.program(&of_faces, &tree, &light, orders[0].len());
+        let program = maker.program(alphas, &tree, &light, orders[0].len());
         let mut pane = Self {
             program,
             shares_t_0: straight.is_some() && is_smooth,
@@ -259,7 +243,6 @@ impl RoughPane {
             light,
             coats: coats(stack),
             search_was_bounded: selection.was_bounded,
-            smudges: shape.smudges.map(|smudges| smudges.lanes([axes[0], axes[1]])),
             axes: axes.map(DVec3::as_vec3),
             wave: shape.wave.map_or_else(WaveLanes::default, |wave| wave.lanes(axes)),
             has_waves: shape.wave.is_some(),
@@ -276,7 +259,7 @@ impl RoughPane {
     /// Plans the orders of the ways.
     fn plan(&self, max_radiance: [f64; 2], tolerance: f64) -> OrderPlan {
         let Light { max_weights, peaks, cut_peaks, dropped, shadowed, .. } = &self.light;
-        let has_facets = self.program.meets.iter().any(|meet| meet.step.is_rough);
+        let has_facets = self.has_facets();
         let mut ways = vec![(0.0, 0.0); self.joined.count];
         for ((weight, peak), way) in max_weights.iter().zip(peaks).zip(&self.joined.ways) {
             ways[*way].0 += weight;
@@ -346,6 +329,16 @@ impl RoughPane {
         cuts
     }
 
+    /// True if a face is rough.
+    pub fn has_facets(&self) -> bool {
+        self.program.meets.iter().any(|meet| meet.step.is_rough)
+    }
+
+    /// Returns two directions that span the pane's plane at the pivot.
+    pub(super) fn plane(&self) -> [DVec3; 2] {
+        [self.axes[0].as_dvec3(), self.axes[1].as_dvec3()]
+    }
+
     /// Returns the way of T, if it has one of its own.
     pub(super) fn straight(&self) -> Option<usize> {
         let way = if self.shares_t_0 { 0 } else { self.joined.count };
@@ -402,7 +395,7 @@ fn coats(stack: &Stack) -> Vec<Coat> {
 
 impl StepMaker<'_> {
     /// Prepares a tree. Its first paths, `of_front`, lead to the front.
-    fn program(&self, alphas: &[[f64; 2]], tree: &Tree, light: &Light, of_front: usize) -> Program {
+    fn program(&self, alphas: &[f64], tree: &Tree, light: &Light, of_front: usize) -> Program {
         let target = |branch: &Branch| match *branch {
             Branch::To(next) => Target::To(next),
             Branch::Leaf(path) => {
@@ -421,7 +414,7 @@ impl StepMaker<'_> {
     }
 
     /// Prepares a single path.
-    fn chain(&self, alphas: &[[f64; 2]], meetings: &[Meeting]) -> Program {
+    fn chain(&self, alphas: &[f64], meetings: &[Meeting]) -> Program {
         let mut before = None;
         let meets = meetings.iter().enumerate().map(|(depth, meeting)| {
             let step = self.step(alphas[meeting.face], meeting.face, meeting.inward, before);
@@ -439,7 +432,7 @@ impl StepMaker<'_> {
         Program { meets: meets.collect(), rests: [None; 2] }
     }
 
-    fn step(&self, alphas: [f64; 2], face: usize, inward: bool, before: Option<usize>) -> Step {
+    fn step(&self, alpha: f64, face: usize, inward: bool, before: Option<usize>) -> Step {
         let stack = self.stack;
         let [near, far] = stack.iors(face);
         let ior = if inward { [near, far] } else { [far, near] };
@@ -451,8 +444,8 @@ impl StepMaker<'_> {
         let absorption_per_m = crossed.map_or([0.0; 3], |layer| layer.absorption_per_m);
         Step {
             face,
-            alphas: alphas.map(|alpha| alpha as f32),
-            is_rough: alphas != [0.0; 2],
+            alpha: alpha as f32,
+            is_rough: alpha != 0.0,
             ior: ior.map(|ior| ior as f32),
             coat,
             inward_sign: if inward { 1.0 } else { -1.0 },

@@ -1,11 +1,14 @@
 //! Smudges on the front face of a pane: a smear that a part of the light meets.
 //!
-//! A pattern gives the share of the face that the smear covers around each point. A camera sample meets the smear if a number of its
-//! own is below this share at the point where its ray meets the front face: its facets at face 0 then have the smear's
-//! roughness, and its weight has the smear's transmittance, once on the way to the front and twice on the way to the back.
-//! The mean over samples is that of both kinds of light, in proportion to their shares.
+//! A pattern gives the share of the face that the smear covers around each point. Of a camera ray's light, this share meets a face with
+//! the smear's roughness, and the rest the clean face: the orders of the clean pane and those of a pane that is smeared everywhere have
+//! the same camera rays, with the weights 1 - share and share. What passes the smear is dimmed by its transmittance, once on the way to the front and
+//! twice on the way to the back.
 
-use super::lanes::floor;
+use super::lanes::{Lane, floor};
+use super::orders::OrderPlan;
+use super::rough::{RoughPane, RoughShape};
+use super::stack::Stack;
 use glam::{DVec3, Vec3};
 
 /// Optics of a smear, and the share of the light that meets it where the pattern is 1.
@@ -48,9 +51,9 @@ impl Smudges {
         Self { smear, columns, shares, axes, texels_per_m: 1.0 / texel_m, pivot, repeats }
     }
 
-    /// Returns the optics of the smear.
-    pub fn smear(&self) -> Smear {
-        self.smear
+    /// Returns the largest share of the light that meets the smear.
+    fn largest_share(&self) -> f64 {
+        self.shares.iter().fold(0.0, |most, share| f64::from(*share).max(most))
     }
 
     /// Prepares the pattern for points in coordinates with the axes `frame`, relative to the pivot.
@@ -69,6 +72,49 @@ impl Smudges {
     }
 }
 
+/// A pane that is smeared everywhere, and the smudges of which it is the part that light meets.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SmearedPane {
+    pub(super) pane: RoughPane,
+    /// Orders of the pane that the tracer follows, with their largest weights where the smudges are strongest.
+    pub orders: OrderPlan,
+    pub(super) smudges: SmudgeLanes,
+}
+
+impl SmearedPane {
+    /// Selects the paths of a pane with smudges; see [`RoughPane::new`].
+    pub fn new(
+        stack: &Stack,
+        alphas: &[f64],
+        shape: RoughShape<'_>,
+        between: [f64; 2],
+        max_radiance: [f64; 2],
+        tolerance: f64,
+        smudges: &Smudges,
+    ) -> Self {
+        let mut alphas = alphas.to_vec();
+        alphas[0] = smudges.smear.roughness;
+        let share = smudges.largest_share();
+        let most = [1, 2].map(|passes| share * smudges.smear.transmittance.powi(passes));
+        let radiance = [0, 1].map(|side| most[side] * max_radiance[side]);
+        let (pane, mut orders) =
+            RoughPane::new(stack, &alphas, shape, between, radiance, tolerance);
+        let sides = [&mut orders.front, &mut orders.back];
+        for (followed, most) in sides.into_iter().zip(most) {
+            for followed in followed {
+                followed.max_weight *= most;
+            }
+        }
+        let smudges = smudges.lanes(pane.plane());
+        Self { pane, orders, smudges }
+    }
+
+    /// Returns the paths of an order; see [`RoughPane::paths`].
+    pub fn pane(&self) -> &RoughPane {
+        &self.pane
+    }
+}
+
 /// Smudges, ready for tracing.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct SmudgeLanes {
@@ -83,6 +129,13 @@ pub(super) struct SmudgeLanes {
 }
 
 impl SmudgeLanes {
+    /// Returns the factors of the weights of light that leaves to a side (0: front, 1: back), of which these shares meet the smear: of light that does so, or of the other.
+    #[inline(always)]
+    pub(super) fn factor(&self, is_smeared: bool, side: usize, shares: &Lane) -> Lane {
+        let passed = self.transmittance[side];
+        shares.map(|share| if is_smeared { share * passed } else { 1.0 - share })
+    }
+
     /// Returns the share of the light that meets the smear at a point in the coordinates of the pane's frame: bilinear between the
     /// centres of texels.
     #[inline(always)]

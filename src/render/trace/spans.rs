@@ -68,7 +68,7 @@ impl Spans {
         let (number, paths) = bundle.group;
         let of_group = &mut self.0[number];
         let corner = bundle.patch.corner;
-        let may_pass_beside = scene.cover.may_pass_beside(bundle.order());
+        let may_pass_beside = bundle.is_t_0() && scene.cover.outline.is_some();
         let find = |x: u32, y: u32, side_px: u32| {
             let area = Area::new(scene, x, y, side_px);
             span_of_area(scene, view, paths, &area, extra_m, may_pass_beside)

@@ -331,6 +331,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
         bow: None,
         wave: None,
         rough: None,
+        smeared: None,
         cover: Cover::default(),
         front: view(1, Pose::Aligned { extra_m: 0.0 }, 1.0).into(),
         back: view(2, pose, -1.0).into(),

@@ -14,6 +14,7 @@
 //!
 //! A bundle is up to sixteen rays of each of the sixteen pixels of a patch, along the orders of a group ([`super::groups`]).
 
+use super::balance::{Balance, Blocks};
 use super::bundle::{Bundle, BundleRays, Feeds, Row};
 use super::camera::CameraChunk;
 use super::groups::{Group, Groups};
@@ -50,8 +51,10 @@ pub(super) struct Tracer<'a, const ISA: u8> {
     sums: Vec<LaneSums>,
     /// Sums of all blocks, in the same order.
     totals: Vec<LaneSums>,
-    /// Number of samples of the current chunk along each way through rough faces.
-    taken: Vec<usize>,
+    /// Number of samples of the current chunk along each way through rough faces, of the clean pane and of that under smudges.
+    taken: [Vec<usize>; 2],
+    /// Balances of the clean pane and of that under smudges, if they have facets.
+    balances: [Option<Balance>; 2],
     /// Components of the newest patch's pixels.
     components: Box<[Components; LANES]>,
     paths: PerLayer<u64>,
@@ -85,6 +88,11 @@ struct Counts {
 }
 
 impl Counts {
+    /// Returns the blocks of the range.
+    fn blocks(self) -> Blocks {
+        Blocks { count: self.all / self.block, samples: self.block }
+    }
+
     /// Returns the number of samples of an order in a chunk that are in the first quarter, in the first half and in all of its samples.
     /// `before` is the first sample of the chunk's block, and `first` its own.
     #[inline(always)]
@@ -99,6 +107,11 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
     pub(super) fn new(scene: &'a Scene) -> Self {
         let groups = Groups::new(scene);
         let sums = groups.count();
+        let panes = [scene.rough.as_ref(), scene.smeared.as_ref().map(|smeared| &smeared.pane)];
+        let balances = [0, 1].map(|k: usize| {
+            let _ = panes[k].filter(|pane| pane.has_facets())?;
+            Some(Balance::new(groups.ways(k == 1)))
+        });
         Self {
             scene,
             groups,
@@ -108,7 +121,8 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
             rows: vec![],
             sums: vec![NO_SUMS; sums],
             totals: vec![NO_SUMS; sums],
-            taken: vec![0; scene.rough.as_ref().map_or(0, RoughPane::ways)],
+            taken: panes.map(|pane| vec![0; pane.map_or(0, RoughPane::ways)]),
+            balances,
             components: Box::new([Components::default(); LANES]),
             paths: PerLayer::default(),
             misses: PerLayer::default(),
@@ -146,6 +160,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         }
         for before in (0..all).step_by(counts.block as usize) {
             self.sums.fill(NO_SUMS);
+            self.balances.iter_mut().flatten().for_each(Balance::begin);
             for first in (before..before + counts.block).step_by(CHUNK) {
                 let taken = counts.block.min(CHUNK as u32);
                 self.camera.fill(scene, &place.patch, samples.start + first, taken as usize);
@@ -156,6 +171,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
                     self.follow(&place, Followed::Clean, Feeds::Order, clean, ends);
                 }
             }
+            self.balance(counts, before / counts.block);
             if counts.block == all {
                 std::mem::swap(&mut self.totals, &mut self.sums);
                 break;
@@ -171,6 +187,23 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
             self.components[l] = self.components_of(l, counts);
         }
         &self.components
+    }
+
+    /// Balances the sums of a block of samples.
+    #[inline(always)]
+    fn balance(&mut self, counts: Counts, block: u32) {
+        self.balances.iter_mut().flatten().for_each(|of| of.end((counts.blocks(), block)));
+        let groups = self.groups.sides.iter().flatten();
+        for (group, sums) in groups.zip(&mut self.sums) {
+            let balance = match group.paths[0] {
+                Path::Rough(_) => &self.balances[0],
+                Path::Smeared(_) => &self.balances[1],
+                _ => continue,
+            };
+            if let Some(balance) = balance {
+                balance.scale(group.thinning, sums);
+            }
+        }
     }
 
     /// Traces the current chunk along the orders of the glass. `before` is the first sample of its block, and `first` its own,
@@ -192,30 +225,57 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         };
         let of_back = self.groups.sides[1].len() * usize::from(wanted.back);
         let ends_of = |group: &Group<'_>| counts.ends(group, [before, first]);
-        if let Some(pane) = &scene.rough {
-            let mut taken = std::mem::take(&mut self.taken);
+        let mut taken = std::mem::take(&mut self.taken);
+        for taken in &mut taken {
             taken.fill(0);
-            let [front, back] = &self.groups.sides;
-            for group in front[..of_front].iter().chain(&back[..of_back]) {
+        }
+        let [front, back] = &self.groups.sides;
+        for (side, groups) in [front, back].into_iter().enumerate() {
+            for (index, group) in groups.iter().enumerate() {
+                let is_wanted = index < [of_front, of_back][side];
                 for path in &group.paths {
-                    if let Path::Rough(way) = path {
-                        taken[*way] = ends_of(group)[2];
+                    // A balance needs the weights of all orders.
+                    match path {
+                        Path::Rough(way) if is_wanted || self.balances[0].is_some() => {
+                            taken[0][*way] = ends_of(group)[2];
+                        }
+                        Path::Smeared(way) if is_wanted || self.balances[1].is_some() => {
+                            taken[1][*way] = ends_of(group)[2];
+                        }
+                        _ => {}
                     }
                 }
             }
+        }
+        let isa = Isa::numbered(ISA);
+        if let Some(pane) = &scene.rough {
             if let (Some(way), true) = (pane.straight(), wanted.bare) {
-                taken[way] = ends_of(&self.groups.bare)[2];
+                taken[0][way] = ends_of(&self.groups.bare)[2];
             }
-            pane.serve_rests(&mut taken);
-            self.camera.scatter(scene, pane, &place.patch, &taken, Isa::numbered(ISA));
-            self.taken = taken;
+            pane.serve_rests(&mut taken[0]);
+            self.camera.scatter(scene, pane, &place.patch, &taken[0], isa);
+        }
+        if let Some(smeared) = &scene.smeared {
+            smeared.pane.serve_rests(&mut taken[1]);
+            self.camera.smear(scene, smeared, &place.patch, &taken[1], isa);
+        }
+        self.taken = taken;
+        let camera = &self.camera;
+        let shares = camera.meets_smudges.then_some(&camera.shares);
+        let chunk = ((first - before) as usize, counts.block.min(CHUNK as u32) as usize);
+        let [clean, smeared] = &mut self.balances;
+        if let Some(balance) = clean {
+            balance.add(&camera.rough, None, (counts.blocks(), before / counts.block), chunk);
+        }
+        if let Some(balance) = smeared.as_mut().filter(|_| shares.is_some()) {
+            balance.add(&camera.smeared, shares, (counts.blocks(), before / counts.block), chunk);
         }
         for (side, count) in [of_front, of_back].into_iter().enumerate() {
             for index in 0..count {
                 let group = &self.groups.sides[side][index];
                 let ends = ends_of(group);
                 let samples = group.samples_of_block(counts.block) * blocks;
-                let is_t_0 = group.rows[0].order == Some(Order::Transmitted(0));
+                let is_t_0 = group.is_t_0();
                 let shares_t_0 = scene.rough.as_ref().is_none_or(RoughPane::shares_t_0);
                 let feeds = match (is_t_0, wanted.front, wanted.bare) {
                     // T sees through the smooth pane.
@@ -262,8 +322,10 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         };
         let (order, orders) = (group.rows[0].order, group.rows.len());
         let is_hidden = match order {
-            Some(Order::Transmitted(0)) => false,
-            Some(_) => !self.camera.entries.any_glass,
+            _ if group.is_t_0() => false,
+            Some(_) => {
+                !self.camera.entries.any_glass || (group.is_smeared && !self.camera.meets_smudges)
+            }
             None => !self.camera.pinhole_entries.any_glass,
         };
         if is_hidden {
@@ -311,19 +373,21 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         let (groups, first_alone) = (&self.groups.sides, self.scene.first_reflection_alone);
         let (of_front, others) = self.totals.split_at(groups[0].len());
         let (of_back, others) = others.split_at(groups[1].len());
-        let reflected = mean_of(&groups[1], of_back, l, counts);
-        // r_0 is alone in the first group, if it is there.
-        let is_r_0 = |group: &Group<'_>| group.rows[0].order == Some(Order::Reflected(0));
-        let first = usize::from(groups[1].first().is_some_and(is_r_0));
-        let back =
-            if first_alone { mean_of(&groups[1][..first], of_back, l, counts) } else { reflected };
+        let all = |_: &Group<'_>| true;
+        let reflected = mean_of((&groups[1], all), of_back, l, counts);
+        let back = if first_alone {
+            mean_of((&groups[1], Group::is_r_0), of_back, l, counts)
+        } else {
+            reflected
+        };
         let [mut bare, mut clean] = [NOTHING; 2];
         add_means_of(&mut bare, &others[0], l, counts.all);
         add_means_of(&mut clean, &others[1], l, counts.clean.max(1));
-        let front = mean_of(&groups[0], of_front, l, counts);
+        let front = mean_of((&groups[0], all), of_front, l, counts);
         let mut ghosts = NOTHING;
         if self.scene.labels.contains(Label::Ghosts) {
-            ghosts = mean_of(&groups[1][first..], &of_back[first..], l, counts);
+            let is_ghost = |group: &Group<'_>| !group.is_r_0();
+            ghosts = mean_of((&groups[1], is_ghost), of_back, l, counts);
         }
         Components { front, bare, reflected, back, clean, ghosts }
     }
@@ -361,12 +425,17 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
     }
 }
 
-/// Returns the sum of the means of several groups at pixel `l`.
+/// Returns the sum of the means of the groups that count, at pixel `l`.
 #[inline(always)]
-fn mean_of(groups: &[Group<'_>], sums: &[LaneSums], l: usize, counts: Counts) -> Means {
+fn mean_of<'a>(
+    (groups, counting): (&[Group<'a>], impl Fn(&Group<'a>) -> bool),
+    sums: &[LaneSums],
+    l: usize,
+    counts: Counts,
+) -> Means {
     let blocks = counts.all / counts.block;
     let mut total = NOTHING;
-    for (group, sums) in groups.iter().zip(sums) {
+    for (group, sums) in groups.iter().zip(sums).filter(|(group, _)| counting(group)) {
         add_means_of(&mut total, sums, l, group.samples_of_block(counts.block) * blocks);
     }
     total

@@ -1,13 +1,14 @@
 //! Traces a bundle against a mesh, with the same weights as against a grid.
 
-use super::super::bundle::{Bundle, Feeds, Row, weights_alone, weights_with_dropped};
+use super::super::bundle::{
+    Bundle, Feeds, Row, smudge_factor, weights_alone, weights_with_dropped,
+};
 use super::super::isa::Isa;
 use super::super::lanes::{CHUNK, LANES};
 use super::super::lines::Path;
 use super::super::means::LaneSums;
 use super::super::overlay::Overlay;
 use super::super::scene::Scene;
-use super::super::slab::Order;
 use super::project::{Mesh, Seen};
 
 // Samples and pixels of a chunk change places.
@@ -83,7 +84,7 @@ fn follow_lanes(
     let is_covered = bundle.is_covered(scene);
     let mut overlay = Overlay::new();
     if is_covered {
-        let is_t_0 = bundle.order() == Some(Order::Transmitted(0));
+        let is_t_0 = bundle.is_t_0();
         let samples = rows.iter().map(|row| row.sample);
         overlay.begin(&scene.cover, bundle.entries(), is_t_0, samples);
         for (s, row) in rows.iter().enumerate() {
@@ -98,7 +99,12 @@ fn follow_lanes(
     let mut misses = [0; LANES];
     for (s, row) in rows.iter().enumerate() {
         let mut weight = colour_weights(scene, bundle, row);
-        if row.order == Some(Order::Transmitted(0)) {
+        if let Some(factor) = smudge_factor(scene, camera, row) {
+            for l in 0..LANES {
+                (0..3).for_each(|c| weight[c][l] *= factor[l]);
+            }
+        }
+        if row.is_t_0() {
             for l in (0..LANES).filter(|l| camera.entries.glass[row.sample][*l] == 0.0) {
                 (0..3).for_each(|c| weight[c][l] = 1.0);
             }
@@ -130,9 +136,14 @@ fn colour_weights(scene: &Scene, bundle: &Bundle, row: &Row<'_>) -> [[f32; LANES
         let colours: [[f32; 4]; LANES] = std::array::from_fn(|l| table.colours(camera, s, l));
         return [0, 1, 2].map(|c| colours.map(|colour| colour[c]));
     }
-    if let Path::Rough(way) = row.path {
-        let weight = camera.rough.weights(way);
-        return if camera.rough.is_coloured {
+    let rays = match row.path {
+        Path::Rough(way) => Some((&camera.rough, way)),
+        Path::Smeared(way) => Some((&camera.smeared, way)),
+        _ => None,
+    };
+    if let Some((rays, way)) = rays {
+        let weight = rays.weights(way);
+        return if rays.is_coloured {
             [weight[0][s], weight[1][s], weight[2][s]]
         } else {
             [weight[0][s]; 3]

@@ -1,8 +1,8 @@
-//! The camera rays of a chunk at face 0, the smudges that they meet, and the facets of their meetings.
+//! The camera rays of a chunk at face 0, the smudges there, and the facets of their meetings.
 
 use super::super::bent::dot;
 use super::super::camera::concentric_disc;
-use super::super::lanes::{CHUNK, LANES, max, min, neg_ln};
+use super::super::lanes::{CHUNK, LANES, Lane, max, min, neg_ln};
 use super::super::sampler::points;
 use super::super::smudges::SmudgeLanes;
 use super::RoughPane;
@@ -12,9 +12,6 @@ use glam::Vec3;
 
 /// Largest square of a facet's coordinates in the unit disc, from which its slopes are drawn: at 1, the slopes are infinite.
 const MOST_OF_DISC: f32 = 1.0 - 1.0 / 16_777_216.0;
-
-/// Number that stands for the smudges in place of that of a meeting, for a sample point of their own.
-pub(super) const SMUDGES: u32 = u32::MAX;
 
 impl RoughRays {
     /// Finds the points at which the chunk's rays meet face 0, and their unit directions.
@@ -43,35 +40,32 @@ impl RoughRays {
         if pane.has_waves {
             self.arrive_at_waves(pane);
         }
-        match &pane.smudges {
-            Some(smudges) => self.arrive_at_smudges(pane, smudges, rays),
-            None => self.smeared[..self.count].fill([0.0; LANES]),
-        }
         self.has_arrived = true;
     }
 
-    /// Finds the rays that meet smudges.
+    /// Finds the shares of the chunk's light that meet smudges on face 0 of a pane. Returns false if no ray meets any.
     #[inline(always)]
-    fn arrive_at_smudges(
+    pub(in super::super) fn meet_smudges(
         &mut self,
         pane: &RoughPane,
         smudges: &SmudgeLanes,
         rays: &CameraRays<'_>,
-    ) {
-        let seeds = rays.patch.seeds.of_meeting(SMUDGES);
-        let (mut u, mut unused) = ([[0.0; LANES]; CHUNK], [[0.0; LANES]; CHUNK]);
-        let count = self.count;
-        points(rays.sampling, &seeds, 0, self.first, &mut u[..count], &mut unused[..count]);
-        for s in 0..count {
+        shares: &mut [Lane; CHUNK],
+    ) -> bool {
+        self.arrive(pane, rays);
+        let mut largest = 0.0;
+        for s in 0..self.count {
             for l in 0..LANES {
-                let p = [0, 1, 2].map(|k| self.arrival[k][s][l]);
-                let mut p = Vec3::from_array(p);
+                let [x, y, z] = [0, 1, 2].map(|k| self.arrival[k][s][l]);
+                let mut p = Vec3::new(x, y, z);
                 if pane.curvature_per_m != 0.0 {
                     p = to_frame(pane.axes, p);
                 }
-                self.smeared[s][l] = f32::from(u8::from(u[s][l] < smudges.share(p)));
+                shares[s][l] = smudges.share(p);
+                largest = max(shares[s][l], largest);
             }
         }
+        largest > 0.0
     }
 
     /// Moves the rays of a pane with waves from the plane of face 0 to the face.

@@ -100,15 +100,15 @@ impl Beam {
 /// Returns the slopes of visible facets, made of those of all facets `x` and `y` in units of alpha, for rays in the face's
 /// coordinates.
 #[inline(always)]
-pub(super) fn visible_facets(along: &[Lane; 3], alpha: &Lane, [x, y]: [&Lane; 2]) -> [Lane; 2] {
+pub(super) fn visible_facets(along: &[Lane; 3], alpha: f32, [x, y]: [&Lane; 2]) -> [Lane; 2] {
     let (mut product, mut square) = ([0.0; LANES], [0.0; LANES]);
     let (mut shift, mut tangent) = ([0.0; LANES], [[0.0; LANES]; 2]);
     let mut is_steep = false;
     for l in 0..LANES {
         let inverse = 1.0 / along[2][l];
         let [tx, ty] = [along[0][l] * inverse, along[1][l] * inverse];
-        product[l] = -alpha[l] * (x[l] * tx + y[l] * ty);
-        square[l] = alpha[l] * alpha[l] * (tx * tx + ty * ty);
+        product[l] = -alpha * (x[l] * tx + y[l] * ty);
+        square[l] = alpha * alpha * (tx * tx + ty * ty);
         shift[l] = series(product[l], square[l]);
         is_steep |= !has_series(square[l]);
         (tangent[0][l], tangent[1][l]) = (tx, ty);
@@ -123,7 +123,7 @@ pub(super) fn visible_facets(along: &[Lane; 3], alpha: &Lane, [x, y]: [&Lane; 2]
     let mut slopes = [[0.0; LANES]; 2];
     for (slopes, (tangent, of_all)) in slopes.iter_mut().zip(tangent.iter().zip([x, y])) {
         for l in 0..LANES {
-            slopes[l] = alpha[l] * (of_all[l] + alpha[l] * shift[l] * tangent[l]);
+            slopes[l] = alpha * (of_all[l] + alpha * shift[l] * tangent[l]);
         }
     }
     slopes
@@ -131,11 +131,11 @@ pub(super) fn visible_facets(along: &[Lane; 3], alpha: &Lane, [x, y]: [&Lane; 2]
 
 /// Takes the light that facets hide from rays that leave a face.
 #[inline(always)]
-pub(super) fn dim(light: &mut Beam, alpha: &Lane, tangent_2: &Lane) {
+pub(super) fn dim(light: &mut Beam, alpha: f32, tangent_2: &Lane) {
     let mut steepest = 0.0;
     let mut square = [0.0; LANES];
     for l in 0..LANES {
-        square[l] = alpha[l] * alpha[l] * tangent_2[l];
+        square[l] = alpha * alpha * tangent_2[l];
         steepest = max(square[l], steepest);
     }
     if share(steepest) < 1.0 {

@@ -21,8 +21,6 @@ pub(in super::super) struct RoughRays {
     /// The chunk's rays at the first face, if they have arrived: points and unit directions, as in [`Light`].
     pub(super) arrival: [[Lane; CHUNK]; 6],
     pub(super) has_arrived: bool,
-    /// 1 where a ray meets a smudge, else 0.
-    pub(super) smeared: [Lane; CHUNK],
     /// Rays by order: those of the front, of the back, and that of T.
     ways: Vec<Box<Way>>,
     /// The light at each meeting of the tree, for one sample.
@@ -73,7 +71,6 @@ impl RoughRays {
             count: 0,
             arrival: [lanes; 6],
             has_arrived: false,
-            smeared: lanes,
             ways: vec![],
             light: vec![],
             coats: vec![],
@@ -256,14 +253,8 @@ impl RoughRays {
         for k in 0..2 {
             (way.relative[k][s], way.point[k][s]) = (line.relative[k][s], line.point[k][s]);
         }
-        let smear = pane.smudges.as_ref().map_or(1.0, |smudges| {
-            smudges.transmittance[usize::from(rest.way >= pane.joined.of_front)]
-        });
         for c in 0..if pane.is_coloured { 3 } else { 1 } {
-            for l in 0..LANES {
-                let factor = if self.smeared[s][l] == 0.0 { 1.0 } else { smear };
-                way.weight[c][s][l] = dropped[c][l] * factor;
-            }
+            way.weight[c][s] = dropped[c];
         }
     }
 
@@ -294,14 +285,9 @@ impl RoughRays {
             }
         }
         let mut facet = [[0.0; LANES]; 2];
-        let mut alpha = [0.0; LANES];
         if step.is_rough {
-            let ([clean, smeared], is_smeared) = (step.alphas, &self.smeared[s]);
-            for l in 0..LANES {
-                alpha[l] = if is_smeared[l] == 0.0 { clean } else { smeared };
-            }
             let Facets { x, y } = &self.facets[meet.depth].1;
-            facet = visible_facets(&along, &alpha, [&x[s], &y[s]]);
+            facet = visible_facets(&along, step.alpha, [&x[s], &y[s]]);
         }
         let mut out = [Beam::DARK; 2];
         let (mut tangent_2, mut total) = ([[0.0; LANES]; 2], [0.0; LANES]);
@@ -338,7 +324,7 @@ impl RoughRays {
             let out = &mut out[branch];
             (out.point, out.tint) = (light.point, light.tint);
             if step.is_rough {
-                dim(out, &alpha, &tangent_2[branch]);
+                dim(out, step.alpha, &tangent_2[branch]);
             }
             if let Some(coat) = step.coat {
                 let of = &self.coats[coat];
@@ -354,7 +340,7 @@ impl RoughRays {
             match *target {
                 Target::To(next) => behind[next - index - 1] = *out,
                 Target::Leaf { way, is_front, joins, .. } => {
-                    let place = (is_front, joins, &self.smeared[s], &camera.patch.center, s);
+                    let place = (is_front, joins, &camera.patch.center, s);
                     self.ways[way].take::<SHAPE>(pane, out, place);
                 }
                 Target::Cut(ref division) => {
@@ -394,21 +380,14 @@ impl Way {
         &mut self,
         pane: &RoughPane,
         light: &Beam,
-        (is_front, joins, smeared, center, s): (bool, bool, &Lane, &[Lane; 2], usize),
+        (is_front, joins, center, s): (bool, bool, &[Lane; 2], usize),
     ) {
         let colours = if pane.is_coloured { 3 } else { 1 };
-        let mut smear = [1.0; LANES];
-        if let Some(smudges) = &pane.smudges {
-            let transmittance = smudges.transmittance[usize::from(!is_front)];
-            for l in 0..LANES {
-                smear[l] = if smeared[l] == 0.0 { 1.0 } else { transmittance };
-            }
-        }
         let (mut weight, mut share) = ([[0.0; LANES]; 3], [1.0; LANES]);
         for c in 0..colours {
             for l in 0..LANES {
                 let power = 0.5 * (light.power[0][l] + light.power[1][l]);
-                weight[c][l] = power * light.tint[c][l] * smear[l];
+                weight[c][l] = power * light.tint[c][l];
             }
         }
         if joins {

@@ -131,26 +131,6 @@ pub(super) struct Light {
     pub(super) shadowed: f64,
 }
 
-impl Light {
-    /// Returns the light of a pane some of whose rays have that of `self`, and the others `other`.
-    pub(super) fn or(self, other: Self) -> Self {
-        let larger = |one: Vec<f64>, other: Vec<f64>| -> Vec<f64> {
-            one.into_iter().zip(other).map(|(a, b)| a.max(b)).collect()
-        };
-        let mean = |(one, other): ([[f64; 3]; 2], [[f64; 3]; 2])| {
-            [0, 1].map(|side| [0, 1, 2].map(|c| 0.5 * (one[side][c] + other[side][c])))
-        };
-        Self {
-            max_weights: larger(self.max_weights, other.max_weights),
-            peaks: larger(self.peaks, other.peaks),
-            cut_peaks: [0, 1].map(|side| self.cut_peaks[side].max(other.cut_peaks[side])),
-            divisions: self.divisions.into_iter().zip(other.divisions).map(mean).collect(),
-            dropped: [0, 1].map(|side| self.dropped[side].max(other.dropped[side])),
-            shadowed: self.shadowed.max(other.shadowed),
-        }
-    }
-}
-
 /// Sums over the rays at one angle, and their number.
 struct AtAngle {
     rays: f64,
