@@ -8,7 +8,7 @@ use render::layer::PerLayer;
 use render::trace::{
     Bow, FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, RoughPane,
     RoughShape, Sampling, Scene, Slab, SmearedPane, Stack, StackLayer, StackOptics, Texture, Tile,
-    TileResult, View, Wave, trace_tile,
+    TileResult, View, Wave, Zones, trace_tile,
 };
 
 /// Indices of the layers.
@@ -330,6 +330,7 @@ impl Case {
                 inverse_focus_per_m: 1.0 / self.focus_m,
             },
             orders,
+            zones: Zones::default(),
             slab,
             stack,
             bow,
@@ -344,6 +345,7 @@ impl Case {
             // All surfaces are behind the pane, seen from the lens.
             scene.join_orders(self.distance_m, radiance, self.tolerance);
         }
+        scene.find_zones(radiance);
         scene
     }
 

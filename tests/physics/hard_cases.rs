@@ -102,7 +102,7 @@ fn a_light_with_a_radiance_of_two_million_renders() {
     }
     let scene = case.scene();
     assert!(scene.orders.back.len() >= 5 && !scene.orders.thin_clean_reflection);
-    assert!(scene.orders.back[..4].iter().all(|f| f.thinning == 1));
+    assert!(scene.orders.back[..4].iter().all(|f| f.thinning(0) == 1));
     survives("radiance 2e6", &case, 4.1e6);
 }
 

@@ -26,7 +26,7 @@ fn count(orders: &OrderPlan) -> usize {
 fn scene(case: &Case) -> Scene {
     let mut scene = case.scene();
     let OrderPlan { front, back, .. } = &mut scene.orders;
-    front.iter_mut().chain(back).for_each(|followed| followed.thinning = 1);
+    front.iter_mut().chain(back).for_each(|followed| followed.worth = f64::INFINITY);
     scene
 }
 

@@ -33,3 +33,4 @@ mod spot;
 mod stack;
 mod table;
 mod textured;
+mod zones;

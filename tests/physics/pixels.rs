@@ -29,7 +29,7 @@ fn rough(size: [usize; 2], texture: [usize; 2], relief: Relief, key: u64) -> Pho
 }
 
 /// Returns the largest difference of every `step`-th pixel of every `step`-th row, and all differences, both sorted.
-fn differences(case: &Case, step: u32) -> (Vec<f64>, Vec<f64>) {
+pub(crate) fn differences(case: &Case, step: u32) -> (Vec<f64>, Vec<f64>) {
     let scene = case.scene();
     let rendered = whole_film(&scene, Isa::detect()).pixels;
     let reference = Reference::new(case, &scene);

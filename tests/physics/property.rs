@@ -86,7 +86,7 @@ fn range(photo: &Photo) -> [f64; 2] {
 
 /// Returns an upper bound of the light of thinned orders. Their means are over fewer samples than other means.
 fn thinned_excess(list: &[FollowedOrder], max_radiance: f64) -> f64 {
-    let thinned = list.iter().filter(|f| f.thinning > 1);
+    let thinned = list.iter().filter(|f| f.worth.is_finite());
     thinned.map(|f| f.max_weight * max_radiance * 1.01).sum()
 }
 

@@ -8,8 +8,8 @@ use crate::rough::RoughReference;
 use crate::sheet::Sheet;
 use glam::{DMat3, DVec3};
 use render::trace::{
-    Cut, FollowedOrder, LARGEST_BALANCE, Meeting, Order, OrderPlan, PixelMeans, PixelSeed,
-    RoughPane, Scene, Stack, StackOptics, sample,
+    Cut, LARGEST_BALANCE, Meeting, Order, OrderPlan, PixelMeans, PixelSeed, RoughPane, Scene,
+    Stack, StackOptics, sample,
 };
 use std::collections::BTreeMap;
 
@@ -341,6 +341,7 @@ impl<'a> Reference<'a> {
     fn balance(
         &self,
         (plan, pane, is_smeared): (&OrderPlan, Option<&RoughPane>, bool),
+        of_orders: &[u32],
         (x, y): (u32, u32),
         seed: &PixelSeed,
     ) -> BTreeMap<(u32, u32), [f64; 3]> {
@@ -353,7 +354,7 @@ impl<'a> Reference<'a> {
         let spp = self.scene.spp;
         let block = spp.min(256);
         let followed: Vec<_> = plan.front.iter().chain(&plan.back).enumerate().collect();
-        let mut thinnings: Vec<u32> = followed.iter().map(|(_, of)| of.thinning).collect();
+        let mut thinnings = of_orders.to_vec();
         thinnings.sort_unstable();
         thinnings.dedup();
         for of_block in 0..spp / block {
@@ -373,7 +374,9 @@ impl<'a> Reference<'a> {
             let (mut factor, mut missing) = ([1.0; 3], [0.0; 3]);
             let mut kept = mean(&left, samples(thinnings[0]));
             for pair in thinnings.windows(2) {
-                for (number, of) in followed.iter().filter(|(_, of)| of.thinning == pair[0]) {
+                for (number, of) in
+                    followed.iter().filter(|(number, _)| of_orders[*number] == pair[0])
+                {
                     let side = usize::from(*number >= plan.front.len());
                     let index = number - side * plan.front.len();
                     let paths = pane.paths(of.order, index);
@@ -421,9 +424,14 @@ impl<'a> Reference<'a> {
         let plans = [(orders, self.scene.rough.as_ref(), false)];
         let smeared = smeared.map(|smeared| (&smeared.orders, Some(smeared.pane()), true));
         for (plan, pane, is_smeared) in plans.into_iter().chain(smeared) {
-            let balance = self.balance((plan, pane, is_smeared), (x, y), &seed);
-            for (number, followed) in plan.front.iter().chain(&plan.back).enumerate() {
-                let taken = samples_of(followed, spp);
+            let followed = plan.front.iter().chain(&plan.back);
+            let first = if is_smeared { orders.front.len() + orders.back.len() } else { 0 };
+            let dimness = |number| self.scene.zones.dimness((x, y), first + number);
+            let thinnings: Vec<u32> =
+                followed.clone().enumerate().map(|(k, of)| of.thinning(dimness(k))).collect();
+            let balance = self.balance((plan, pane, is_smeared), &thinnings, (x, y), &seed);
+            for (number, followed) in followed.enumerate() {
+                let taken = samples_of(thinnings[number], spp);
                 let index = number.checked_sub(plan.front.len()).unwrap_or(number);
                 let order = followed.order;
                 let paths = pane.map(|pane| pane.paths(order, index));
@@ -433,7 +441,7 @@ impl<'a> Reference<'a> {
                     let of_order = (order, followed.carries_dropped);
                     let (radiance, weight) = self.behind_pane(of_order, lens, d, scattered);
                     let factor = self.smudge_factor(order, lens, d, is_smeared);
-                    let balance = balance.get(&(s / 256, followed.thinning)).unwrap_or(&[1.0; 3]);
+                    let balance = balance.get(&(s / 256, thinnings[number])).unwrap_or(&[1.0; 3]);
                     let weight = [0, 1, 2].map(|c| weight[c] * factor * balance[c]);
                     add(&mut layers[0], radiance, weight, taken.0);
                     match order {
@@ -565,10 +573,10 @@ fn scattered_weight(
     weight
 }
 
-/// Returns the number of samples of an order in total, and in each block of at most 256.
-fn samples_of(followed: &FollowedOrder, spp: u32) -> (u32, u32) {
+/// Returns the number of samples of an order with this thinning in total, and in each block of at most 256.
+fn samples_of(thinning: u32, spp: u32) -> (u32, u32) {
     let block = spp.min(256);
-    let of_block = (block / followed.thinning).max(1);
+    let of_block = (block / thinning).max(1);
     (of_block * (spp / block), of_block)
 }
 

@@ -21,7 +21,7 @@ use super::view::OddView;
 use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine, Side};
 use crate::trace::{
     Bow, Cover, Lens, OrderPlan, RoughPane, RoughShape, Sampling, Scene, Slab, SmearedPane,
-    Smudges, StackOptics,
+    Smudges, StackOptics, Zones,
 };
 use glam::DVec3;
 
@@ -131,11 +131,12 @@ pub fn assemble_decoded(
         rough,
         smeared,
         orders,
+        zones: Zones::default(),
         cover,
         front,
         back,
     };
-    scene.join_orders(nearest_m, brightest, tolerance);
+    scene.finish_orders(nearest_m, brightest, tolerance);
     facts.state_orders(&scene);
     Ok((scene, facts))
 }

@@ -7,7 +7,7 @@ use super::negligible::Negligible;
 use super::place::MeshFacts;
 use super::relative::RelativeEnds;
 use super::view::OddView;
-use crate::trace::{BLOCK, Order, OrderPlan, Scene};
+use crate::trace::{BLOCK, Order, Scene};
 use serde::{Deserialize, Serialize};
 
 /// Facts about a loaded scene, stored in partials and `tuple.json`.
@@ -62,8 +62,7 @@ impl SceneFacts {
     /// States the orders of a scene, with their numbers of samples.
     pub(super) fn state_orders(&mut self, scene: &Scene) {
         let smeared = scene.smeared.as_ref().map(|smeared| &smeared.orders);
-        self.orders = order_facts(&scene.orders, scene.spp, "");
-        self.orders.extend(smeared.iter().flat_map(|of| order_facts(of, scene.spp, "s")));
+        self.orders = order_facts(scene);
         let plans = || std::iter::once(&scene.orders).chain(smeared);
         let [front, back] = [0, 1].map(|side| plans().map(|plan| plan.dropped[side]).sum());
         self.dropped = Sides { front, back };
@@ -136,17 +135,24 @@ pub struct OrderFact {
     pub samples: u32,
 }
 
-/// Lists the orders of the plan, each with its number of samples out of `spp`. Their names begin with `prefix`.
-fn order_facts(orders: &OrderPlan, spp: u32, prefix: &str) -> Vec<OrderFact> {
-    let block = spp.min(BLOCK as u32);
-    let all = orders.front.iter().chain(&orders.back);
-    all.map(|followed| OrderFact {
-        order: match followed.order {
-            Order::Transmitted(k) => format!("{prefix}t{k}"),
-            Order::Reflected(k) => format!("{prefix}r{k}"),
-        },
-        max_weight: followed.max_weight,
-        samples: followed.samples_of_block(block) * (spp / block),
-    })
-    .collect()
+/// Lists the orders of a scene, each with its number of samples in the zones with most light.
+fn order_facts(scene: &Scene) -> Vec<OrderFact> {
+    let block = scene.spp.min(BLOCK as u32);
+    let smeared = scene.smeared.as_ref().map(|smeared| &smeared.orders);
+    let plans = [(Some(&scene.orders), ""), (smeared, "s")];
+    let all = plans.into_iter().flat_map(|(plan, prefix)| {
+        let orders = plan.into_iter().flat_map(|plan| plan.front.iter().chain(&plan.back));
+        orders.map(move |followed| (followed, prefix))
+    });
+    all.enumerate()
+        .map(|(number, (followed, prefix))| OrderFact {
+            order: match followed.order {
+                Order::Transmitted(k) => format!("{prefix}t{k}"),
+                Order::Reflected(k) => format!("{prefix}r{k}"),
+            },
+            max_weight: followed.max_weight,
+            samples: followed.samples_of_block(block, scene.zones.least(number))
+                * (scene.spp / block),
+        })
+        .collect()
 }

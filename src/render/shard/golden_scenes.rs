@@ -13,7 +13,7 @@ use crate::scene::{BackCamera, decode_srgb_image};
 use crate::trace::{
     Bow, Card, Coating, Cover, FilmPlane, FilterTable, Grid, Lens, OrderPlan, Outline, Pose,
     RoughPane, RoughShape, Sampling, Scene, Slab, Smear, SmearedPane, Smudges, Stack, StackLayer,
-    StackOptics, Texture, View, Wave,
+    StackOptics, Texture, View, Wave, Zones,
 };
 use glam::{DMat3, DVec3};
 use std::sync::Arc;
@@ -232,12 +232,11 @@ impl Parameters {
             turned: wave.is_some().then_some(turned.as_slice()),
         };
         let uneven = layers.filter(|_| self.pane != Pane::Double);
-        let rough = uneven.as_ref().map(|layers| {
-            let (pane, of_paths) =
-                RoughPane::new(layers, &alphas, shape, between, radiance, tolerance);
-            orders = of_paths;
-            pane
-        });
+        let pane_of = |of| RoughPane::new(of, &alphas, shape, between, radiance, tolerance);
+        let (rough, orders) = uneven
+            .as_ref()
+            .map(pane_of)
+            .map_or((None, orders), |(pane, of_paths)| (Some(pane), of_paths));
         let smeared = uneven.zip(smudges).map(|(layers, smudges)| {
             SmearedPane::new(&layers, &alphas, shape, between, radiance, tolerance, &smudges)
         });
@@ -255,6 +254,7 @@ impl Parameters {
                 inverse_focus_per_m: self.inverse_focus_per_m,
             },
             orders,
+            zones: Zones::default(),
             cover: self.pane.cover(&slab, &camera),
             slab,
             stack,
@@ -265,7 +265,7 @@ impl Parameters {
             front: front.into(),
             back: back.into(),
         };
-        scene.join_orders(0.3, radiance, tolerance);
+        scene.finish_orders(0.3, radiance, tolerance);
         scene
     }
 
@@ -429,7 +429,7 @@ mod tests {
         any("an invisible reflection", &|s| s.orders.back.is_empty());
         for thinning in [1, 2, 16] {
             any(&format!("orders thinned by {thinning}"), &|s| {
-                s.orders.back.iter().any(|f| f.thinning == thinning)
+                s.orders.back.iter().any(|f| f.thinning(0) == thinning)
             });
         }
         any("many orders", &|s| s.orders.back.len() >= 8);

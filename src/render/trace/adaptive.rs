@@ -74,7 +74,7 @@ pub(super) fn trace<const ISA: u8>(scene: &Scene, tile: Tile, target: f64) -> Ti
                         (closed_paths + of_pixel, closed_misses + beyond);
                 }
             }
-            for (layer, &count) in cell.samples(scene).iter() {
+            for (layer, &count) in cell.samples(scene, area).iter() {
                 samples[layer] = samples[layer].max(count);
                 sums[layer] += u64::from(count) * u64::from(width * height);
             }
@@ -174,9 +174,10 @@ impl Cell {
     }
 
     /// Returns the samples per pixel of each layer's strongest order.
-    fn samples(&self, scene: &Scene) -> PerLayer<u32> {
+    fn samples(&self, scene: &Scene, area: Tile) -> PerLayer<u32> {
         let [front, back, clean] = self.parts.map(|part| part.samples);
-        let thinning = scene.orders.back.first().map_or(1, |order| order.thinning);
+        let dimness = scene.zones.dimness((area.x, area.y), scene.orders.front.len());
+        let thinning = scene.orders.back.first().map_or(1, |order| order.thinning(dimness));
         let taken = PerLayer([front.max(back), front, (back / thinning).max(1), clean]);
         PerLayer::of(|layer| taken[layer] * u32::from(scene.layers[layer]))
     }

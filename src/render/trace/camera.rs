@@ -4,9 +4,9 @@ use super::bent::BentRays;
 use super::cover::Entries;
 use super::isa::Isa;
 use super::lanes::{CHUNK, LANES, Lane, sin_cos_octant};
-use super::patch::Patch;
+use super::patch::{PATCH_PX, Patch, all_over};
 use super::rough::{CameraRays, RoughPane, RoughRays};
-use super::sampler::points;
+use super::sampler::{PixelSeed, SeedLanes, points};
 use super::scene::Scene;
 use super::smudges::SmearedPane;
 use super::stack::StackOptics;
@@ -222,6 +222,37 @@ impl CameraChunk {
                 }
             }
         }
+    }
+}
+
+/// Number of patches across and down the film whose rays are tried.
+const SURVEY_PATCHES: u32 = 5;
+
+/// Traces rays from all over a film along all ways of a pane with rough or turned faces, and of another under smudges, and shows each chunk. The rays do not
+/// depend on the scene's seed.
+pub(super) fn survey(
+    scene: &Scene,
+    rough: Option<&RoughPane>,
+    smeared: Option<&SmearedPane>,
+    mut show: impl FnMut(&Patch, &CameraChunk),
+) {
+    let isa = Isa::detect();
+    let mut camera = CameraChunk::new();
+    for (x, y) in all_over(&scene.film, SURVEY_PATCHES) {
+        let seeds =
+            SeedLanes::new(|l| PixelSeed::new(0, x + l as u32 % PATCH_PX, y + l as u32 / PATCH_PX));
+        let patch = Patch { seeds, ..Patch::new(scene, x, y) };
+        camera.fill(scene, &patch, 0, CHUNK);
+        let panes = [rough, smeared.map(|smeared| &smeared.pane)];
+        let CameraChunk { rough: of_rough, smeared: of_smeared, direction, lens, .. } =
+            &mut *camera;
+        for (pane, rays) in panes.into_iter().zip([of_rough, of_smeared]) {
+            if let Some(pane) = pane {
+                let taken = vec![CHUNK; pane.ways()];
+                rays.follow(pane, &camera_rays(scene, &patch, direction, lens, &taken), isa);
+            }
+        }
+        show(&patch, &camera);
     }
 }
 

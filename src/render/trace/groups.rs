@@ -69,26 +69,23 @@ impl<'a> Group<'a> {
 }
 
 impl<'a> Groups<'a> {
-    pub(super) fn new(scene: &'a Scene) -> Self {
+    /// Makes the groups of zones of this kind.
+    pub(super) fn new(scene: &'a Scene, kind: usize) -> Self {
         let row = |path, order, carries_dropped| Row { sample: 0, path, order, carries_dropped };
         let bare = Order::Transmitted(0);
         let bare = row(smooth_path_of(scene, bare, 0), Some(bare), false);
         let clean = row(pinhole_path(scene), None, false);
-        Self {
-            sides: [0, 1].map(|side| {
-                let orders = |plan: &'a OrderPlan| [&plan.front, &plan.back][side];
-                let mut groups =
-                    group(orders(&scene.orders), |order, index| path_of(scene, order, index));
-                if let Some(SmearedPane { pane, orders: plan, .. }) = &scene.smeared {
-                    groups.extend(group(orders(plan), |order, index| {
-                        Path::Smeared(pane.way(order, index))
-                    }));
-                }
-                groups
-            }),
-            bare: Group::new(1, bare),
-            clean: Group::new(1, clean),
+        let mut sides = [vec![], vec![]];
+        let mut number = 0;
+        for (list, orders) in lists(scene).into_iter().enumerate() {
+            let thinned = orders.into_iter().zip(number..).map(|((followed, path), number)| {
+                (followed, path, followed.thinning(scene.zones.of_kind(kind, number)))
+            });
+            let thinned: Vec<_> = thinned.collect();
+            number += thinned.len();
+            sides[list % 2].extend(group(&thinned));
         }
+        Self { sides, bare: Group::new(1, bare), clean: Group::new(1, clean) }
     }
 
     /// Returns thinning and way of each order through a pane with facets: the clean one, or that under smudges.
@@ -108,15 +105,26 @@ impl<'a> Groups<'a> {
     }
 }
 
-/// Groups the orders of a side, which have these paths.
-fn group<'a>(
-    orders: &[FollowedOrder],
-    path_of: impl Fn(Order, usize) -> Path<'a>,
-) -> Vec<Group<'a>> {
+/// Returns the orders of the front and of the back, and those under smudges, with their paths.
+pub(super) fn lists(scene: &Scene) -> [Vec<(FollowedOrder, Path<'_>)>; 4] {
+    let OrderPlan { front, back, .. } = &scene.orders;
+    let clean = [front, back].map(|orders| {
+        let orders = orders.iter().enumerate();
+        orders.map(|(index, of)| (*of, path_of(scene, of.order, index))).collect()
+    });
+    let smeared = [0, 1].map(|side| {
+        let Some(SmearedPane { pane, orders, .. }) = &scene.smeared else { return vec![] };
+        let orders = [&orders.front, &orders.back][side].iter().enumerate();
+        orders.map(|(index, of)| (*of, Path::Smeared(pane.way(of.order, index)))).collect()
+    });
+    let ([front, back], [smeared_front, smeared_back]) = (clean, smeared);
+    [front, back, smeared_front, smeared_back]
+}
+
+/// Groups orders, which have these paths and thinnings.
+fn group<'a>(orders: &[(FollowedOrder, Path<'a>, u32)]) -> Vec<Group<'a>> {
     let mut groups: Vec<Group<'a>> = vec![];
-    for (index, followed) in orders.iter().enumerate() {
-        let FollowedOrder { order, thinning, carries_dropped, .. } = *followed;
-        let path = path_of(order, index);
+    for (FollowedOrder { order, carries_dropped, .. }, path, thinning) in orders.iter().copied() {
         let row = Row { sample: 0, path, order: Some(order), carries_dropped };
         let shares = thinning >= SHARED_THINNING;
         let others = groups.iter_mut().skip(1).find(|group| group.thinning == thinning);

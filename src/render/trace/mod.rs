@@ -61,6 +61,7 @@ mod tile;
 mod tracer;
 mod walk;
 mod wave;
+mod zones;
 
 pub use adaptive::CELL_PX;
 pub use balance::LARGEST_BALANCE;
@@ -81,6 +82,7 @@ pub use stack::{Coating, Exit, Stack, StackLayer, StackOptics, StackOrder, Stack
 pub use texture::Texture;
 pub use tile::{Tile, TileResult, trace_tile};
 pub use wave::Wave;
+pub use zones::{ZONE_PX, Zones};
 
 /// Version of the tracer's results; a change of a pixel or stated error must raise it. A run rejects other versions.
 pub const TRACER_VERSION: u32 = 7;

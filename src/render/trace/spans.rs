@@ -48,9 +48,13 @@ struct OfGroup {
 pub(super) struct Spans(Vec<OfGroup>);
 
 impl Spans {
-    /// Makes room for the spans of this number of groups.
-    pub(super) fn new(scene: &Scene, groups: usize) -> Self {
+    /// Makes room for the spans of all groups.
+    pub(super) fn new(scene: &Scene) -> Self {
         let columns = scene.film.width.div_ceil(SQUARE_PX) as usize;
+        let smeared = scene.smeared.as_ref().map(|smeared| &smeared.orders);
+        let plans = std::iter::once(&scene.orders).chain(smeared);
+        // Each order may be a group; T and R are two more.
+        let groups = 2 + plans.map(|plan| plan.front.len() + plan.back.len()).sum::<usize>();
         let group = |_| OfGroup { squares: vec![None; columns], pixels: None };
         Self((0..groups).map(group).collect())
     }

@@ -11,6 +11,7 @@ use super::lines::{
 };
 use super::patch::{Area, Patch};
 use super::walk::{Lines, Span, walk, walk_lanes};
+use super::zones::Zones;
 use super::*;
 use glam::{DMat3, DVec3, Vec3A};
 
@@ -326,6 +327,7 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
         },
         lens: Lens { aperture_radius_m: 0.008, inverse_focus_per_m: 1.0 / focus_m },
         orders: OrderPlan::new(&slab, &[normal.z], [1.0; 2], 1e-5),
+        zones: Zones::default(),
         slab,
         stack: None,
         bow: None,

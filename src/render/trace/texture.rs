@@ -12,8 +12,13 @@ pub struct Texture {
     stride: usize,
     /// Texels row by row, with the last column and the last row repeated, so that every cell has four texels.
     texels: Vec<[f32; 4]>,
+    /// Largest values of any colour in squares of [`SQUARE`] texels, row by row.
+    squares: Vec<f32>,
     max: f32,
 }
+
+/// Side of a square whose largest value is known, texels.
+const SQUARE: usize = 16;
 
 impl Texture {
     /// Makes a texture of `width` x `height` texels (row by row; red, green, blue and an unused number).
@@ -29,8 +34,17 @@ impl Texture {
             width > 0 && height > 0 && texels.len() == width * height,
             "a texture needs width * height texels"
         );
-        let max = texels.iter().fold([0f32; 4], |m, t| [0, 1, 2, 3].map(|k| m[k].max(t[k])));
-        let max = max[0].max(max[1]).max(max[2]);
+        let columns = width.div_ceil(SQUARE);
+        let mut squares = vec![0f32; columns * height.div_ceil(SQUARE)];
+        for (j, row) in texels.chunks(width).enumerate() {
+            let of_row = &mut squares[j / SQUARE * columns..];
+            for (square, texels) in of_row.iter_mut().zip(row.chunks(SQUARE)) {
+                let most =
+                    texels.iter().fold([0f32; 4], |m, t| [0, 1, 2, 3].map(|k| m[k].max(t[k])));
+                *square = square.max(most[0]).max(most[1]).max(most[2]);
+            }
+        }
+        let max = squares.iter().fold(0f32, |most, v| most.max(*v));
         let stride = width + 1;
         texels.resize(stride * (height + 1), [0.0; 4]);
         // Starts at the last row, so that no row is overwritten before it moves.
@@ -39,7 +53,7 @@ impl Texture {
             texels[j * stride + width] = texels[j * stride + width - 1];
         }
         texels.copy_within((height - 1) * stride..height * stride, height * stride);
-        Self { width, height, stride, texels, max }
+        Self { width, height, stride, texels, squares, max }
     }
 
     /// Returns the number of texels across.
@@ -75,6 +89,19 @@ impl Texture {
     /// Returns the largest value of any colour.
     pub fn max_radiance(&self) -> f32 {
         self.max
+    }
+
+    /// Bounds the values of any colour that a look-up meets between two columns and between two rows, `[least, most]`; those beyond the
+    /// border are the border's.
+    pub(crate) fn max_between(&self, columns: [f64; 2], rows: [f64; 2]) -> f32 {
+        let squares = |[least, most]: [f64; 2], texels: usize| {
+            let square = |v: f64| v.clamp(0.0, texels as f64 - 1.0) as usize / SQUARE;
+            square(least.floor())..=square(most.ceil())
+        };
+        let stride = self.width.div_ceil(SQUARE);
+        let columns = squares(columns, self.width);
+        let rows = squares(rows, self.height).map(|j| &self.squares[j * stride..][columns.clone()]);
+        rows.flatten().fold(0.0, |most, v| most.max(*v))
     }
 
     /// Returns the largest index of a texel with right, lower and lower right neighbours.

@@ -158,7 +158,9 @@ fn trace<const ISA: u8>(scene: &Scene, tile: Tile, samples: Range<u32>) -> TileR
     misses[Layer::CleanReflection] += closed_misses;
     let block = count.min(BLOCK as u32);
     let strongest = scene.orders.back.first();
-    let reflected = strongest.map_or(count, |o| o.samples_of_block(block) * (count / block));
+    let reflected = strongest.map_or(count, |o| {
+        o.samples_of_block(block, scene.zones.least(scene.orders.front.len())) * (count / block)
+    });
     let clean = if is_all_closed { 0 } else { clean };
     let taken = PerLayer([count, count, reflected, clean]);
     ghosts.join(&mut labels);

@@ -41,7 +41,9 @@ use std::ops::Range;
 /// `ISA` selects the kernels; only functions compiled for an instruction set name it.
 pub(super) struct Tracer<'a, const ISA: u8> {
     scene: &'a Scene,
-    groups: Groups<'a>,
+    /// What the patches of the current zone are traced along, and that of zones before.
+    plan: Plan<'a>,
+    others: Vec<Plan<'a>>,
     camera: Box<CameraChunk>,
     rays: Box<BundleRays>,
     spans: Spans,
@@ -53,12 +55,30 @@ pub(super) struct Tracer<'a, const ISA: u8> {
     totals: Vec<LaneSums>,
     /// Number of samples of the current chunk along each way through rough faces, of the clean pane and of that under smudges.
     taken: [Vec<usize>; 2],
-    /// Balances of the clean pane and of that under smudges, if they have facets.
-    balances: [Option<Balance>; 2],
     /// Components of the newest patch's pixels.
     components: Box<[Components; LANES]>,
     paths: PerLayer<u64>,
     misses: PerLayer<u64>,
+}
+
+/// What zones of one kind are traced along.
+struct Plan<'a> {
+    kind: usize,
+    groups: Groups<'a>,
+    /// Balances of the clean pane and of that under smudges, if they have facets.
+    balances: [Option<Balance>; 2],
+}
+
+impl<'a> Plan<'a> {
+    fn new(scene: &'a Scene, kind: usize) -> Self {
+        let groups = Groups::new(scene, kind);
+        let panes = [scene.rough.as_ref(), scene.smeared.as_ref().map(|smeared| &smeared.pane)];
+        let balances = [0, 1].map(|k: usize| {
+            let _ = panes[k].filter(|pane| pane.has_facets())?;
+            Some(Balance::new(groups.ways(k == 1)))
+        });
+        Self { kind, groups, balances }
+    }
 }
 
 /// A patch, the coordinates of the views of the front and of the back for it (`None` for a mesh), and the pixels that count.
@@ -105,24 +125,18 @@ impl Counts {
 
 impl<'a, const ISA: u8> Tracer<'a, ISA> {
     pub(super) fn new(scene: &'a Scene) -> Self {
-        let groups = Groups::new(scene);
-        let sums = groups.count();
         let panes = [scene.rough.as_ref(), scene.smeared.as_ref().map(|smeared| &smeared.pane)];
-        let balances = [0, 1].map(|k: usize| {
-            let _ = panes[k].filter(|pane| pane.has_facets())?;
-            Some(Balance::new(groups.ways(k == 1)))
-        });
         Self {
             scene,
-            groups,
+            plan: Plan::new(scene, 0),
+            others: vec![],
             camera: CameraChunk::new(),
             rays: BundleRays::new(),
-            spans: Spans::new(scene, sums),
+            spans: Spans::new(scene),
             rows: vec![],
-            sums: vec![NO_SUMS; sums],
-            totals: vec![NO_SUMS; sums],
+            sums: vec![],
+            totals: vec![],
             taken: panes.map(|pane| vec![0; pane.map_or(0, RoughPane::ways)]),
-            balances,
             components: Box::new([Components::default(); LANES]),
             paths: PerLayer::default(),
             misses: PerLayer::default(),
@@ -146,6 +160,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         wanted: Wanted,
     ) -> &[Components; LANES] {
         let scene = self.scene;
+        self.enter(scene.zones.kind(x, y));
         let live = pixels.map(|pixel| pixel.is_some());
         let patch = Patch::new(scene, x, y);
         let views = [&scene.front, &scene.back].map(|surface| match surface {
@@ -160,7 +175,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         }
         for before in (0..all).step_by(counts.block as usize) {
             self.sums.fill(NO_SUMS);
-            self.balances.iter_mut().flatten().for_each(Balance::begin);
+            self.plan.balances.iter_mut().flatten().for_each(Balance::begin);
             for first in (before..before + counts.block).step_by(CHUNK) {
                 let taken = counts.block.min(CHUNK as u32);
                 self.camera.fill(scene, &place.patch, samples.start + first, taken as usize);
@@ -189,15 +204,30 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         &self.components
     }
 
+    /// Enters a zone of this kind.
+    fn enter(&mut self, kind: usize) {
+        if self.plan.kind != kind {
+            let known = self.others.iter().position(|plan| plan.kind == kind);
+            let plan = match known {
+                Some(index) => self.others.swap_remove(index),
+                None => Plan::new(self.scene, kind),
+            };
+            self.others.push(std::mem::replace(&mut self.plan, plan));
+        }
+        let sums = self.plan.groups.count();
+        self.sums.resize(sums, NO_SUMS);
+        self.totals.resize(sums, NO_SUMS);
+    }
+
     /// Balances the sums of a block of samples.
     #[inline(always)]
     fn balance(&mut self, counts: Counts, block: u32) {
-        self.balances.iter_mut().flatten().for_each(|of| of.end((counts.blocks(), block)));
-        let groups = self.groups.sides.iter().flatten();
+        self.plan.balances.iter_mut().flatten().for_each(|of| of.end((counts.blocks(), block)));
+        let groups = self.plan.groups.sides.iter().flatten();
         for (group, sums) in groups.zip(&mut self.sums) {
             let balance = match group.paths[0] {
-                Path::Rough(_) => &self.balances[0],
-                Path::Smeared(_) => &self.balances[1],
+                Path::Rough(_) => &self.plan.balances[0],
+                Path::Smeared(_) => &self.plan.balances[1],
                 _ => continue,
             };
             if let Some(balance) = balance {
@@ -220,26 +250,26 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         let blocks = counts.all / counts.block;
         // T needs only the first group of the front, t_0.
         let of_front = match (wanted.front, wanted.bare) {
-            (true, _) => self.groups.sides[0].len(),
+            (true, _) => self.plan.groups.sides[0].len(),
             (false, bare) => usize::from(bare),
         };
-        let of_back = self.groups.sides[1].len() * usize::from(wanted.back);
+        let of_back = self.plan.groups.sides[1].len() * usize::from(wanted.back);
         let ends_of = |group: &Group<'_>| counts.ends(group, [before, first]);
         let mut taken = std::mem::take(&mut self.taken);
         for taken in &mut taken {
             taken.fill(0);
         }
-        let [front, back] = &self.groups.sides;
+        let [front, back] = &self.plan.groups.sides;
         for (side, groups) in [front, back].into_iter().enumerate() {
             for (index, group) in groups.iter().enumerate() {
                 let is_wanted = index < [of_front, of_back][side];
                 for path in &group.paths {
                     // A balance needs the weights of all orders.
                     match path {
-                        Path::Rough(way) if is_wanted || self.balances[0].is_some() => {
+                        Path::Rough(way) if is_wanted || self.plan.balances[0].is_some() => {
                             taken[0][*way] = ends_of(group)[2];
                         }
-                        Path::Smeared(way) if is_wanted || self.balances[1].is_some() => {
+                        Path::Smeared(way) if is_wanted || self.plan.balances[1].is_some() => {
                             taken[1][*way] = ends_of(group)[2];
                         }
                         _ => {}
@@ -250,7 +280,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         let isa = Isa::numbered(ISA);
         if let Some(pane) = &scene.rough {
             if let (Some(way), true) = (pane.straight(), wanted.bare) {
-                taken[0][way] = ends_of(&self.groups.bare)[2];
+                taken[0][way] = ends_of(&self.plan.groups.bare)[2];
             }
             pane.serve_rests(&mut taken[0]);
             self.camera.scatter(scene, pane, &place.patch, &taken[0], isa);
@@ -263,7 +293,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         let camera = &self.camera;
         let shares = camera.meets_smudges.then_some(&camera.shares);
         let chunk = ((first - before) as usize, counts.block.min(CHUNK as u32) as usize);
-        let [clean, smeared] = &mut self.balances;
+        let [clean, smeared] = &mut self.plan.balances;
         if let Some(balance) = clean {
             balance.add(&camera.rough, None, (counts.blocks(), before / counts.block), chunk);
         }
@@ -272,7 +302,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         }
         for (side, count) in [of_front, of_back].into_iter().enumerate() {
             for index in 0..count {
-                let group = &self.groups.sides[side][index];
+                let group = &self.plan.groups.sides[side][index];
                 let ends = ends_of(group);
                 let samples = group.samples_of_block(counts.block) * blocks;
                 let is_t_0 = group.is_t_0();
@@ -313,12 +343,12 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
             return;
         }
         let scene = self.scene;
-        let [front, back] = &self.groups.sides;
+        let [front, back] = &self.plan.groups.sides;
         let (number, group) = match followed {
             Followed::Orders(0, index) => (index, &front[index]),
             Followed::Orders(_, index) => (front.len() + index, &back[index]),
-            Followed::Bare => (self.sums.len() - 2, &self.groups.bare),
-            Followed::Clean => (self.sums.len() - 1, &self.groups.clean),
+            Followed::Bare => (self.sums.len() - 2, &self.plan.groups.bare),
+            Followed::Clean => (self.sums.len() - 1, &self.plan.groups.clean),
         };
         let (order, orders) = (group.rows[0].order, group.rows.len());
         let is_hidden = match order {
@@ -370,7 +400,7 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
     /// Returns the components of pixel `l`, from the sums of all blocks.
     #[inline(always)]
     fn components_of(&self, l: usize, counts: Counts) -> Components {
-        let (groups, first_alone) = (&self.groups.sides, self.scene.first_reflection_alone);
+        let (groups, first_alone) = (&self.plan.groups.sides, self.scene.first_reflection_alone);
         let (of_front, others) = self.totals.split_at(groups[0].len());
         let (of_back, others) = others.split_at(groups[1].len());
         let all = |_: &Group<'_>| true;

@@ -46,6 +46,11 @@ impl Card {
         }
     }
 
+    /// Returns the largest radiance of any colour.
+    pub(in super::super) fn max_radiance(&self) -> f32 {
+        self.picture.max_radiance()
+    }
+
     /// Finds the places at which sixteen rays meet the card before `surface_z_m`: coordinates of the picture, and 1 for a hit
     /// or 0. The rays have these points in the plane z = 0, and the directions (x, y, 1).
     #[inline(always)]

@@ -27,22 +27,26 @@ impl Coat {
         }))
     }
 
-    /// Returns the shares at these cosines.
+    /// Finds the shares at these cosines.
     #[inline(always)]
-    pub(super) fn at(&self, cosines: &Lane) -> CoatLanes {
-        let mut lanes = [[[0.0; LANES]; 3]; 2];
+    pub(super) fn find(&self, cosines: &Lane, lanes: &mut CoatLanes) {
+        let (mut index, mut within) = ([0; LANES], [0.0; LANES]);
+        for l in 0..LANES {
+            let at = min(max(cosines[l], 0.0), 1.0) * STEPS as f32;
+            index[l] = min(floor(at).0, (STEPS - 1) as f32) as i32;
+            within[l] = at - index[l] as f32;
+        }
         for (lanes, Share(rows)) in lanes.iter_mut().zip(&self.0) {
+            if let [row] = rows[..] {
+                *lanes = row.map(|share| [share; LANES]);
+                continue;
+            }
             for l in 0..LANES {
-                let at = min(max(cosines[l], 0.0), 1.0) * STEPS as f32;
-                let (_, index) = floor(at);
-                let index = (index as usize).min(rows.len().saturating_sub(2));
-                let within = if rows.len() == 1 { 0.0 } else { at - index as f32 };
-                let (from, to) = (&rows[index], &rows[(index + 1).min(rows.len() - 1)]);
+                let (from, to) = (&rows[index[l] as usize], &rows[index[l] as usize + 1]);
                 for c in 0..3 {
-                    lanes[c][l] = from[c] + (to[c] - from[c]) * within;
+                    lanes[c][l] = from[c] + (to[c] - from[c]) * within[l];
                 }
             }
         }
-        lanes
     }
 }

@@ -12,11 +12,8 @@
 //! the plan adds to the light that is misplaced. t_0 stays alone, because it is what T sees, and so does r_0 if R~ is asked for with
 //! it alone. Distances are measured along the rays that the tracer follows, so that they include waves, wedges and facets.
 
-use super::super::camera::CameraChunk;
-use super::super::isa::Isa;
+use super::super::camera::survey;
 use super::super::lanes::{CHUNK, LANES};
-use super::super::patch::{PATCH_PX, Patch, all_over};
-use super::super::sampler::{PixelSeed, SeedLanes};
 use super::super::scene::Scene;
 use super::RoughPane;
 
@@ -24,8 +21,6 @@ use super::RoughPane;
 const MOST_PX: f32 = 0.05;
 /// Factor by which the distance of rays that are not tried may exceed that of those that are.
 const SAFETY: f32 = 1.5;
-/// Number of patches across and down the film whose rays are tried.
-const PATCHES: u32 = 5;
 
 impl Scene {
     /// Joins paths of a pane with rough or turned faces whose lines are close for all surfaces at `nearest_m` or more from the lens, and
@@ -79,21 +74,9 @@ impl Scene {
     /// Follows rays from all over the film along the paths of a pane. Returns for each where the rays are on the film, px: as
     /// those of points at infinity, and of the surface at `nearest_m`. Rays without light have no numbers.
     fn lines(&self, pane: &RoughPane, nearest_m: f32) -> Vec<Vec<[f32; 4]>> {
-        let count = pane.paths.len();
-        let mut lines = vec![vec![]; count];
-        let mut camera = CameraChunk::new();
-        let taken = vec![CHUNK; pane.ways()];
+        let mut lines = vec![vec![]; pane.paths.len()];
         let pixel = self.film.pixel_tangent().map(|tangent| tangent as f32);
-        for (x, y) in all_over(&self.film, PATCHES) {
-            // The orders of a scene do not depend on its seed.
-            let of_lane = |l: usize| (x + l as u32 % PATCH_PX, y + l as u32 / PATCH_PX);
-            let seeds = SeedLanes::new(|l| {
-                let (x, y) = of_lane(l);
-                PixelSeed::new(0, x, y)
-            });
-            let patch = Patch { seeds, ..Patch::new(self, x, y) };
-            camera.fill(self, &patch, 0, CHUNK);
-            camera.scatter(self, pane, &patch, &taken, Isa::detect());
+        survey(self, Some(pane), None, |_, camera| {
             for (way, lines) in pane.joined.ways.iter().zip(&mut lines) {
                 let weights = camera.rough.weights(*way);
                 let colours = if camera.rough.is_coloured { 3 } else { 1 };
@@ -109,7 +92,7 @@ impl Scene {
                     }
                 }
             }
-        }
+        });
         lines
     }
 }

@@ -184,6 +184,7 @@ impl RoughRays {
         }
         let meetings = pane.programs().map(|program| program.meets.len()).max().unwrap_or(0);
         self.light.resize(meetings.max(self.light.len()), Beam::DARK);
+        self.coats.resize(pane.coats.len(), [[[0.0; LANES]; 3]; 2]);
         if !self.has_arrived {
             self.arrive(pane, rays);
         }
@@ -206,8 +207,9 @@ impl RoughRays {
         }
         let most = served.first().copied().unwrap_or(0);
         for s in 0..most {
-            self.coats.clear();
-            self.coats.extend(pane.coats.iter().map(|coat| coat.at(&self.arrival[5][s])));
+            for (coat, lanes) in pane.coats.iter().zip(&mut self.coats) {
+                coat.find(&self.arrival[5][s], lanes);
+            }
             self.light[0] = Beam {
                 point: [0, 1, 2].map(|k| self.arrival[k][s]),
                 direction: [3, 4, 5].map(|k| self.arrival[k][s]),
