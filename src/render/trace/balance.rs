@@ -58,8 +58,8 @@ impl Blocks {
 }
 
 impl Balance {
-    /// Makes the classes of orders with these thinnings and ways.
-    pub(super) fn new(orders: impl Iterator<Item = (u32, usize)>) -> Self {
+    /// Makes the classes of orders with these thinnings and ways; `None` if all take the same samples, and need no balance.
+    pub(super) fn new(orders: impl Iterator<Item = (u32, usize)>) -> Option<Self> {
         let mut classes: Vec<Class> = vec![];
         for (thinning, way) in orders {
             if let Some(class) = classes.iter_mut().find(|class| class.thinning == thinning) {
@@ -70,7 +70,7 @@ impl Balance {
             }
         }
         classes.sort_by_key(|class| class.thinning);
-        Self(classes)
+        (classes.len() > 1).then_some(Self(classes))
     }
 
     /// Begins a block.

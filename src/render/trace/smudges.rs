@@ -72,7 +72,7 @@ impl Smudges {
     }
 }
 
-/// A pane that is smeared everywhere, and the smudges of which it is the part that light meets.
+/// A pane whose front face is smeared everywhere, and the pattern of smudges that says which share of the light meets it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SmearedPane {
     pub(super) pane: RoughPane,
@@ -129,7 +129,8 @@ pub(super) struct SmudgeLanes {
 }
 
 impl SmudgeLanes {
-    /// Returns the factors of the weights of light that leaves to a side (0: front, 1: back), of which these shares meet the smear: of light that does so, or of the other.
+    /// Returns the factors of the weights of sixteen rays, from the `shares` of their light that meet the smear: along orders under the smear, or of the clean
+    /// pane. `side` is 0 for light to the front, and 1 for that to the back.
     #[inline(always)]
     pub(super) fn factor(&self, is_smeared: bool, side: usize, shares: &Lane) -> Lane {
         let passed = self.transmittance[side];

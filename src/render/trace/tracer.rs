@@ -75,7 +75,7 @@ impl<'a> Plan<'a> {
         let panes = [scene.rough.as_ref(), scene.smeared.as_ref().map(|smeared| &smeared.pane)];
         let balances = [0, 1].map(|k: usize| {
             let _ = panes[k].filter(|pane| pane.has_facets())?;
-            Some(Balance::new(groups.ways(k == 1)))
+            Balance::new(groups.ways(k == 1))
         });
         Self { kind, groups, balances }
     }
@@ -259,17 +259,19 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         for taken in &mut taken {
             taken.fill(0);
         }
+        // A balance of orders that are wanted needs the weights of all.
+        let balanced =
+            [0, 1].map(|k: usize| self.plan.balances[k].is_some() && (wanted.front || wanted.back));
         let [front, back] = &self.plan.groups.sides;
         for (side, groups) in [front, back].into_iter().enumerate() {
             for (index, group) in groups.iter().enumerate() {
                 let is_wanted = index < [of_front, of_back][side];
                 for path in &group.paths {
-                    // A balance needs the weights of all orders.
                     match path {
-                        Path::Rough(way) if is_wanted || self.plan.balances[0].is_some() => {
+                        Path::Rough(way) if is_wanted || balanced[0] => {
                             taken[0][*way] = ends_of(group)[2];
                         }
-                        Path::Smeared(way) if is_wanted || self.plan.balances[1].is_some() => {
+                        Path::Smeared(way) if is_wanted || balanced[1] => {
                             taken[1][*way] = ends_of(group)[2];
                         }
                         _ => {}
@@ -294,10 +296,10 @@ impl<'a, const ISA: u8> Tracer<'a, ISA> {
         let shares = camera.meets_smudges.then_some(&camera.shares);
         let chunk = ((first - before) as usize, counts.block.min(CHUNK as u32) as usize);
         let [clean, smeared] = &mut self.plan.balances;
-        if let Some(balance) = clean {
+        if let Some(balance) = clean.as_mut().filter(|_| balanced[0]) {
             balance.add(&camera.rough, None, (counts.blocks(), before / counts.block), chunk);
         }
-        if let Some(balance) = smeared.as_mut().filter(|_| shares.is_some()) {
+        if let Some(balance) = smeared.as_mut().filter(|_| balanced[1] && shares.is_some()) {
             balance.add(&camera.smeared, shares, (counts.blocks(), before / counts.block), chunk);
         }
         for (side, count) in [of_front, of_back].into_iter().enumerate() {

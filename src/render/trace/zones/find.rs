@@ -10,6 +10,7 @@ use super::super::scene::{Pose, Scene, Surface, View};
 use super::super::slab::Order;
 use super::{ZONE_PX, Zones};
 use glam::{DMat3, DVec3};
+use std::collections::BTreeMap;
 
 /// Share by which the bounds of rays are wider than those of the rays that are tried, on either side.
 const MARGIN: f32 = 0.5;
@@ -45,6 +46,7 @@ impl Scene {
         let spreads = self.spreads();
         let [columns, rows] = [self.film.width, self.film.height].map(|px| px.div_ceil(ZONE_PX));
         let mut zones = Zones { columns, ..Zones::default() };
+        let mut kinds = BTreeMap::new();
         for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)))
         {
             let corner = [column, row].map(|v| v * ZONE_PX);
@@ -66,17 +68,16 @@ impl Scene {
                         .unwrap_or(dimness)
                 })
                 .collect();
-            let kind =
-                zones.dimness.iter().position(|known| *known == dimness).unwrap_or_else(|| {
-                    zones.dimness.push(dimness);
-                    zones.dimness.len() - 1
-                });
-            zones.kinds.push(kind);
+            let next = kinds.len();
+            zones.kinds.push(*kinds.entry(dimness).or_insert_with_key(|dimness| {
+                zones.dimness.push(dimness.clone());
+                next
+            }));
         }
         self.zones = zones;
     }
 
-    /// Bounds the rays of all orders, in turn; `None` for those without light, and for t_0, which takes all samples.
+    /// Bounds the rays of all orders, in turn; `None` for those without light.
     fn spreads(&self) -> Vec<Option<Spread>> {
         let normal = self.slab.normal.as_vec3().to_array();
         let paths: Vec<Path<'_>> =
@@ -137,7 +138,7 @@ impl Scene {
     }
 }
 
-/// Bounds most numbers of a list, but this share of the least and of the largest, with a margin; `None` if it is empty.
+/// Bounds the numbers of a list with a margin, without a share of `rare` ones at either end; `None` if the list is empty.
 fn bounds(mut list: Vec<f32>, rare: f64) -> Option<[f64; 2]> {
     let last = list.len().checked_sub(1)?;
     let skipped = (rare * last as f64) as usize;
