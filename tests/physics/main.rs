@@ -11,6 +11,7 @@ mod case;
 mod checkerboard;
 mod constant_depth;
 mod cover;
+mod form;
 mod furnace;
 mod golden;
 mod hard_cases;

@@ -154,7 +154,8 @@ impl CameraChunk {
         taken: &[usize],
         isa: Isa,
     ) {
-        let rays = camera_rays(scene, patch, &self.direction, &self.lens, taken);
+        let mut rays = camera_rays(scene, patch, &self.direction, &self.lens, taken);
+        rays.form = scene.zones.forms.of(scene, pane, patch.corner);
         self.rough.follow(pane, &rays, isa);
     }
 
@@ -265,7 +266,7 @@ fn camera_rays<'a>(
     lens: &'a [[Lane; CHUNK]; 2],
     taken: &'a [usize],
 ) -> CameraRays<'a> {
-    CameraRays { patch, sampling: scene.sampling, direction, lens, taken }
+    CameraRays { patch, sampling: scene.sampling, direction, lens, taken, form: None }
 }
 
 /// Applies Shirley and Chiu's concentric map from the unit square to the unit disc.

@@ -73,7 +73,7 @@ pub use means::{PixelMeans, square_error};
 pub use mesh::{MAX_COORDINATE_M, Mesh, MeshCounts, NEAR_M};
 pub use orders::{FollowedOrder, OrderPlan};
 pub use probe::{BundleProbe, ProbeRay, WalkCount, sample_patch};
-pub use rough::{Cut, Meeting, RoughPane, RoughShape, visible_share, visible_shift};
+pub use rough::{Cut, Forms, Meeting, RoughPane, RoughShape, visible_share, visible_shift};
 pub use sampler::{BLOCK, PixelSeed, sample};
 pub use scene::{FilmPlane, FilterTable, Lens, Pose, Sampling, Scene, Surface, View};
 pub use slab::{Order, Slab};

@@ -11,6 +11,7 @@ use super::lines::{
     LineMaker, Path, ViewLanes, path_of, pinhole_path, span_of_area, span_of_lines,
 };
 use super::patch::{Area, PATCH_PX, Patch};
+use super::rough::RoughPane;
 use super::sampler::{PixelSeed, SeedLanes, points};
 use super::scene::{Pose, Sampling, Scene, Surface, View};
 use super::slab::Order;
@@ -130,10 +131,14 @@ impl<'a> BundleProbe<'a> {
         }
         let step = step_px.div_ceil(PATCH_PX).max(1) * PATCH_PX;
         let (mut bundles, mut camera) = (Vec::new(), CameraChunk::new());
+        let taken = vec![CHUNK; scene.rough.as_ref().map_or(0, RoughPane::ways)];
         for y in (0..scene.film.height).step_by(step as usize) {
             for x in (0..scene.film.width).step_by(step as usize) {
                 let patch = Patch::new(scene, x, y);
                 camera.fill(scene, &patch, 0, CHUNK);
+                if let Some(pane) = &scene.rough {
+                    camera.scatter(scene, pane, &patch, &taken, Isa::detect());
+                }
                 let lanes = ViewLanes::new(view, &patch);
                 let maker = LineMaker::new(scene, view, &patch, &lanes);
                 let lines = std::array::from_fn(|s| maker.lines(&camera, path, s));

@@ -28,6 +28,7 @@ mod coat;
 mod escape;
 mod faces;
 mod facet;
+mod form;
 mod joined;
 mod meet;
 mod paths;
@@ -38,6 +39,7 @@ mod shares;
 mod tree;
 mod visible;
 
+pub use form::Forms;
 pub use paths::Meeting;
 pub(super) use rays::{CameraRays, RoughRays};
 pub use visible::{visible_share, visible_shift};

@@ -66,7 +66,7 @@ pub(super) struct WaveLanes {
 impl WaveLanes {
     /// Returns sine and cosine of the wave's phase at a point relative to the pivot.
     #[inline(always)]
-    fn phase(&self, point: Vec3) -> (f32, f32) {
+    pub(super) fn phase(&self, point: Vec3) -> (f32, f32) {
         let [x, y, z] = self.waves_per_m;
         sin_cos_turns(point.x * x + point.y * y + point.z * z)
     }

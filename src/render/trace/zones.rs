@@ -1,4 +1,4 @@
-//! Zones of the film, and how much darker than the brightest the light is that the rays of each can meet.
+//! Zones of the film: how much darker than the brightest the light is that the rays of each can meet, and the closed forms of rays ([`super::rough`]).
 //!
 //! An order takes samples in proportion to the radiance that it may show ([`super::orders`]). A lamp that is seen in one corner of the picture raises the
 //! samples of the zones that may see it: those whose rays pass within bounds of its texels at any depth of the sheet. The bounds of an order are those of rays from all
@@ -7,13 +7,17 @@
 
 mod find;
 
+use super::rough::Forms;
+
 /// Width and height of a zone, px. Zones begin at multiples of this length, wherever a tile begins.
 pub const ZONE_PX: u32 = 32;
 
 /// The dimness of each order in each zone: d, if the light is at most 2^-d times the brightest of its side. Orders are numbered through: those of the front and of the back, then
 /// those under smudges. Without zones, all light may be the brightest.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Default)]
 pub struct Zones {
+    /// Forms of the rays behind waves and wedges.
+    pub forms: Forms,
     columns: u32,
     /// Number of each zone's kind, row by row.
     kinds: Vec<usize>,

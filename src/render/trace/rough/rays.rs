@@ -6,6 +6,7 @@ use super::super::lanes::{CHUNK, LANES, Lane, exp_neg, max};
 use super::super::patch::Patch;
 use super::super::scene::Sampling;
 use super::coat::CoatLanes;
+use super::form::{Form, STILL, WAVED};
 use super::meet::{BENT, Beam, FLAT, WAVES, WEDGES, dim, lane, leave_frame, visible_facets};
 use super::program::{Meet, Program, Target};
 use super::scatter::{LEAST_COS, Scattered, from_frame, split, to_frame};
@@ -22,7 +23,7 @@ pub(in super::super) struct RoughRays {
     pub(super) arrival: [[Lane; CHUNK]; 6],
     pub(super) has_arrived: bool,
     /// Rays by order: those of the front, of the back, and that of T.
-    ways: Vec<Box<Way>>,
+    pub(super) ways: Vec<Box<Way>>,
     /// The light at each meeting of the tree, for one sample.
     light: Vec<Beam>,
     /// Shares of the pane's coatings for one sample.
@@ -34,13 +35,13 @@ pub(in super::super) struct RoughRays {
 }
 
 /// Rays of a chunk along one order.
-struct Way {
+pub(super) struct Way {
     /// Directions (x, y, 1) relative to the pixels' centres.
-    relative: [[Lane; CHUNK]; 2],
+    pub(super) relative: [[Lane; CHUNK]; 2],
     /// Points in the plane z = 0, m.
-    point: [[Lane; CHUNK]; 2],
+    pub(super) point: [[Lane; CHUNK]; 2],
     /// Weights for red, green and blue; only the first are set if the pane is not coloured.
-    weight: [[Lane; CHUNK]; 3],
+    pub(super) weight: [[Lane; CHUNK]; 3],
 }
 
 /// Facets of a chunk: slopes across and down of all facets of a face, in units of alpha.
@@ -60,6 +61,8 @@ pub(in super::super) struct CameraRays<'a> {
     pub(in super::super) lens: &'a [[Lane; CHUNK]; 2],
     /// Number of samples of each pixel along each way.
     pub(in super::super) taken: &'a [usize],
+    /// The form of the rays in the zone of the patch, if they have one.
+    pub(in super::super) form: Option<&'a Form>,
 }
 
 impl RoughRays {
@@ -163,6 +166,15 @@ impl RoughRays {
 
     #[inline(always)]
     fn follow_turned_lanes(&mut self, pane: &RoughPane, rays: &CameraRays<'_>) {
+        if let Some(form) = rays.form {
+            self.make_room(pane);
+            if pane.has_waves {
+                self.follow_form::<WAVED>(pane, form, rays);
+            } else {
+                self.follow_form::<STILL>(pane, form, rays);
+            }
+            return;
+        }
         self.prepare(pane, rays);
         for program in pane.programs() {
             match (pane.has_waves, pane.has_wedges) {
@@ -173,15 +185,21 @@ impl RoughRays {
         }
     }
 
-    /// Makes room, and finds the rays at face 0, if the chunk does not have them yet.
+    /// Makes room for the rays of a pane.
     #[inline(always)]
-    fn prepare(&mut self, pane: &RoughPane, rays: &CameraRays<'_>) {
+    fn make_room(&mut self, pane: &RoughPane) {
         self.is_coloured = pane.is_coloured;
         while self.ways.len() < pane.ways() {
             let lanes = [[0.0; LANES]; CHUNK];
             let way = Way { relative: [lanes; 2], point: [lanes; 2], weight: [lanes; 3] };
             self.ways.push(Box::new(way));
         }
+    }
+
+    /// Makes room, and finds the rays at face 0, if the chunk does not have them yet.
+    #[inline(always)]
+    fn prepare(&mut self, pane: &RoughPane, rays: &CameraRays<'_>) {
+        self.make_room(pane);
         let meetings = pane.programs().map(|program| program.meets.len()).max().unwrap_or(0);
         self.light.resize(meetings.max(self.light.len()), Beam::DARK);
         self.coats.resize(pane.coats.len(), [[[0.0; LANES]; 3]; 2]);
@@ -255,7 +273,7 @@ impl RoughRays {
         for k in 0..2 {
             (way.relative[k][s], way.point[k][s]) = (line.relative[k][s], line.point[k][s]);
         }
-        for c in 0..if pane.is_coloured { 3 } else { 1 } {
+        for c in 0..pane.colours() {
             way.weight[c][s] = dropped[c];
         }
     }
@@ -278,7 +296,7 @@ impl RoughRays {
         let step = &meet.step;
         let (mut along, mut slope) = ([[0.0; LANES]; 3], [0.0; LANES]);
         let way_m = light.arrive::<SHAPE>(pane, step, meet.depth == 0, &mut along, &mut slope);
-        let colours = if pane.is_coloured { 3 } else { 1 };
+        let colours = pane.colours();
         if step.absorbs {
             for c in 0..colours {
                 for l in 0..LANES {
@@ -384,7 +402,7 @@ impl Way {
         light: &Beam,
         (is_front, joins, center, s): (bool, bool, &[Lane; 2], usize),
     ) {
-        let colours = if pane.is_coloured { 3 } else { 1 };
+        let colours = pane.colours();
         let (mut weight, mut share) = ([[0.0; LANES]; 3], [1.0; LANES]);
         for c in 0..colours {
             for l in 0..LANES {

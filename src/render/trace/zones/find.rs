@@ -6,6 +6,7 @@ use super::super::groups::lists;
 use super::super::lanes::{CHUNK, LANES};
 use super::super::lines::{Path, points};
 use super::super::orders::FollowedOrder;
+use super::super::rough::Forms;
 use super::super::scene::{Pose, Scene, Surface, View};
 use super::super::slab::Order;
 use super::{ZONE_PX, Zones};
@@ -36,7 +37,7 @@ impl Scene {
 
     /// Finds the zones of the scene, whose orders are planned for these largest radiances of front and back.
     pub fn find_zones(&mut self, max_radiance: [f64; 2]) {
-        self.zones = Zones::default();
+        self.zones = Zones { forms: Forms::new(&self.film), ..Zones::default() };
         let orders: Vec<FollowedOrder> =
             lists(self).into_iter().flatten().map(|(of, _)| of).collect();
         let gains = |of: &FollowedOrder, d: u8| of.thinning(d.into()) > of.thinning(0);
@@ -45,7 +46,7 @@ impl Scene {
         }
         let spreads = self.spreads();
         let [columns, rows] = [self.film.width, self.film.height].map(|px| px.div_ceil(ZONE_PX));
-        let mut zones = Zones { columns, ..Zones::default() };
+        let mut zones = Zones { columns, ..std::mem::take(&mut self.zones) };
         let mut kinds = BTreeMap::new();
         for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)))
         {
