@@ -75,7 +75,7 @@ fn worst_px(case: &Case, scene: &Scene, order: Order, index: usize) -> f64 {
     worst
 }
 
-/// The lines of forms are those of rays that are followed in f64, within a thousandth of a pixel.
+/// The lines of forms are those of rays that are followed in f64, within a thousandth of a pixel; those of weak orders within the rounding of rays followed in f32.
 #[test]
 fn lines_of_forms_are_exact() {
     for (name, case) in cases() {

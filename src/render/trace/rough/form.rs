@@ -389,7 +389,10 @@ fn least_squares(mut terms: Vec<Vec<f64>>, rows: &[Vec<f64>], numbers: usize) ->
         let own = dot(term, term).sqrt();
         let is_new = own > LEAST_PART * whole;
         parts[j][j] = own;
-        term.iter_mut().for_each(|v| *v = if is_new { *v / own } else { 0.0 });
+        let scale = if is_new { 1.0 / own } else { 0.0 };
+        for value in term {
+            *value *= scale;
+        }
     }
     let mut factors = vec![vec![0.0; numbers]; count];
     for j in (0..count).rev() {
@@ -401,7 +404,10 @@ fn least_squares(mut terms: Vec<Vec<f64>>, rows: &[Vec<f64>], numbers: usize) ->
             add(of_term, -part, factor);
         }
         let is_new = terms[j].iter().any(|value| *value != 0.0);
-        of_term.iter_mut().for_each(|v| *v = if is_new { *v / parts[j][j] } else { 0.0 });
+        let scale = if is_new { 1.0 / parts[j][j] } else { 0.0 };
+        for value in of_term {
+            *value *= scale;
+        }
     }
     factors
 }
