@@ -44,8 +44,9 @@ const TRIED: usize = 16;
 const MOST_PX: f32 = 1.0e-3;
 /// The same on finer films, tangents: that of rays that are followed in f32.
 const MOST_TANGENT: f32 = 1.0e-6;
-/// Largest error of a weight, as a part of it.
+/// Largest error of a weight, as a part of it; above `STRONG`, as a part of that.
 const MOST_OF_WEIGHT: f32 = 1.0e-4;
+const STRONG: f32 = 0.1;
 /// Part of a term that others do not explain, below which it is left out: its factor would be rounding alone.
 const LEAST_PART: f64 = 1.0e-5;
 
@@ -187,7 +188,7 @@ impl Form {
                 for c in 0..colours {
                     let [a, b] = [followed, formed].map(|rays| rays.weights(way)[c][s][l]);
                     // Ways without light have no form.
-                    if !(a > 0.0 && (a - b).abs() <= MOST_OF_WEIGHT * a) {
+                    if !(a > 0.0 && (a - b).abs() <= MOST_OF_WEIGHT * a.min(STRONG)) {
                         return false;
                     }
                 }
