@@ -39,6 +39,17 @@ FRAME = {"x_m": [-0.06, 0.065], "y_m": [-0.055, 0.06], "frame_m": 0.012, "frame_
 CARD = {"color": "card.png", "distance_m": 0.1, "center_m": [0.02, 0.05], "width_m": 0.2}
 SMUDGES = {"seed": 7, "coverage": 0.3, "mark_m": 0.05, "roughness": 0.05, "haze": 0.5, "transmittance": 0.95}
 COATING = {"face": 1, "reflectance": [0.12, 0.06, 0.16], "transmittance": [0.8, 0.86, 0.78]}
+# The coating of the glazing `double-low-e` (docs/glass.md).
+LOW_E = {
+    "face": 1,
+    "angles_deg": [0, 20, 40, 55, 65, 75, 82, 90],
+    "reflectance": [[0.0745, 0.0332, 0.0301], [0.0793, 0.0352, 0.0282], [0.1013, 0.0496, 0.0336], [0.1501, 0.0914, 0.0717],
+                    [0.2227, 0.16, 0.1453], [0.3677, 0.3045, 0.3061], [0.5513, 0.4971, 0.5185], [1, 1, 1]],
+    "reflectance_back": [[0.0761, 0.0317, 0.0255], [0.0813, 0.034, 0.0238], [0.1053, 0.0504, 0.0301], [0.159, 0.097, 0.0707],
+                         [0.2394, 0.1733, 0.1483], [0.4004, 0.3343, 0.3175], [0.6039, 0.5485, 0.5409], [1, 1, 1]],
+    "transmittance": [[0.8908, 0.9354, 0.9537], [0.8855, 0.9328, 0.955], [0.8615, 0.916, 0.9481], [0.8089, 0.87, 0.9076],
+                      [0.7309, 0.7957, 0.8314], [0.5756, 0.6402, 0.6658], [0.38, 0.4339, 0.4477], [0, 0, 0]],
+}
 
 # Name of each row, and the scene line's values that it changes, by dotted key.
 ROWS: list[tuple[str, dict]] = [
@@ -59,6 +70,9 @@ ROWS: list[tuple[str, dict]] = [
     ("outline, frame and card", {"glass.outline": FRAME, "back.cards": [CARD]}),
     ("bent pane, radius of 8 m", {"glass.bow_radius_m": 8.0}),
     ("waves of 0.1 mm over 0.3 m", {"glass.wave": {"amplitude_m": 1e-4, "length_m": 0.3}}),
+    ("wedge of 0.1 degrees", {"glass.layers": [{**PANE, "wedge_deg": [0, 0.1]}]}),
+    ("waves and wedge", {"glass.layers": [{**PANE, "wedge_deg": [0, 0.1]}], "glass.wave": {"amplitude_m": 1e-4, "length_m": 0.3}}),
+    ("double low-E", {"glass.layers": [PANE, {"gap_m": 0.016}, PANE], "glass.coatings": [LOW_E]}),
     ("double pane, wedge of 0.1 degrees", {"glass.layers": [PANE, {"gap_m": 0.016, "wedge_deg": [0, 0.1]}, PANE]}),
     ("rough faces, alpha of 0.003", {"glass.roughness": 0.003}),
     ("rough faces, alpha of 0.02", {"glass.roughness": 0.02}),

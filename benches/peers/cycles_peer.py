@@ -189,7 +189,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for result.json and the layers")
     parser.add_argument("--samples", type=lambda t: [int(n) for n in t.split(",")], default=[16, 64, 256])
     args = parser.parse_args()
-    scene = scenes.load(args.scene)
+    scene = scenes.load(args.scene, only_plain=True)
     record = Record(args.out, program=f"Blender {bpy.app.version_string} Cycles, CPU")
     with tempfile.TemporaryDirectory() as folder:
         for name in PASSES:

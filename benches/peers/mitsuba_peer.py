@@ -1,11 +1,13 @@
 """Renders with Mitsuba 3 in three set-ups: a user's with stock plugins, an expert's, and the reference.
 
-stock      `path` through a slab of `dielectric`; T without glass, the camera moved forward by t (1 - 1/n); R in a mirror.
+stock      `path` through slabs of `dielectric` or `roughdielectric`, waved faces as meshes; T without glass, the camera moved forward by
+           t (1 - 1/n), or through faces that only refract, if they have waves; R in a mirror.
 split      a custom integrator: the slab in closed form, every order followed, Mitsuba traces the rays.
 reference  `split` with more orders and many `multijitter` samples; Cycles is compared with it, too.
 
 The sheets carry a black `conductor`: a black `diffuse` makes `path` sample the textured emitter at every hit, 4.6 times
-the time for the same image. Fresnel factors are averaged over polarisations at each face, as Mitsuba and Cycles do.
+the time for the same image. Rough faces would do so, too (3.7 times); the glass hides the sheets from them, so that `path` samples
+a dark point light instead. Fresnel factors are averaged over polarisations at each face, as Mitsuba and Cycles do.
 """
 
 from __future__ import annotations
@@ -37,6 +39,8 @@ mi.set_log_level(mi.LogLevel.Error)
 
 BLACK = {"type": "conductor", "specular_reflectance": {"type": "rgb", "value": 0.0}}
 SLAB_HALF_M = 2.0
+# Strips of a waved face in a wave. Normals, which are exact at the edges, are 3e-4 of the largest slope off between them.
+STRIPS_OF_WAVE = 64
 REFERENCE_CHUNK = 256
 
 
@@ -47,7 +51,7 @@ def mesh(scene: scenes.Scene, side: str) -> mi.Mesh:
     texture = {"type": "bitmap", "bitmap": mi.Bitmap(photo.radiance), "raw": True, "filter_type": "bilinear", "wrap_mode": "clamp"}
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(BLACK)
-    properties["emitter"] = mi.load_dict({"type": "area", "radiance": texture})
+    properties["emitter"] = mi.load_dict({"type": "area", "radiance": texture, "sampling_weight": float(scene.is_smooth)})
     properties["face_normals"] = True
     shape = mi.Mesh(side, len(sheet.vertices_m), len(sheet.triangles), has_vertex_texcoords=True, props=properties)
     values = mi.traverse(shape)
@@ -71,22 +75,99 @@ def sensor(scene: scenes.Scene, layer: str, sampler: str, spp: int, forward_m: f
     return mi.load_dict(camera)
 
 
+class Refracting(mi.BSDF):
+    """A smooth face of glass that only refracts, with weight 1: the virtual glass of T."""
+
+    def __init__(self, props: mi.Properties) -> None:
+        mi.BSDF.__init__(self, props)
+        self.ior = props["int_ior"]
+        self.m_components = [mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide]
+        self.m_flags = self.m_components[0]
+
+    def sample(self, ctx, si, sample1, sample2, active=True):
+        _, cos_t, _, eta_ti = mi.fresnel(mi.Frame3f.cos_theta(si.wi), self.ior)
+        found = mi.BSDFSample3f()
+        found.wo = mi.refract(si.wi, cos_t, eta_ti)
+        found.eta, found.pdf, found.sampled_component = mi.Float(1.0), mi.Float(1.0), mi.UInt32(0)
+        found.sampled_type = mi.UInt32(+mi.BSDFFlags.DeltaTransmission)
+        return found, mi.Color3f(1.0) & active
+
+    def eval(self, ctx, si, wo, active=True):
+        return mi.Color3f(0.0)
+
+    def pdf(self, ctx, si, wo, active=True):
+        return mi.Float(0.0)
+
+    def to_string(self) -> str:
+        return f"Refracting[{self.ior}]"
+
+
+mi.register_bsdf("refracting", Refracting)
+
+
+def glass(pane: scenes.Pane) -> dict:
+    """Returns the material of a pane."""
+    index = {"int_ior": pane.ior, "ext_ior": 1.0}
+    if pane.roughness:
+        return {"type": "roughdielectric", "distribution": "beckmann", "alpha": pane.roughness, **index}
+    return {"type": "dielectric", **index}
+
+
+def face(pane: scenes.Pane, depth_m: float, outwards: int, bsdf: dict) -> mi.Mesh:
+    """Makes a face of a pane with its waves; `outwards` is the sign of its normal's z."""
+    waves = int(np.ceil(2 * SLAB_HALF_M / pane.wave_length_m))
+    x = np.linspace(-SLAB_HALF_M, SLAB_HALF_M, waves * STRIPS_OF_WAVE + 1)
+    height, slope = pane.wave(x)
+    points = np.stack([np.stack([x, np.full_like(x, y), pane.near_m + depth_m + height], -1) for y in (-SLAB_HALF_M, SLAB_HALF_M)])
+    normals = np.stack([-slope, np.zeros_like(x), np.ones_like(x)], -1) * outwards
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    a, n = np.arange(len(x) - 1), len(x)
+    triangles = np.concatenate([np.stack([a, a + 1, a + n], 1), np.stack([a + 1, a + n + 1, a + n], 1)])
+    triangles = triangles if outwards > 0 else triangles[:, ::-1]
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(bsdf)
+    shape = mi.Mesh("face", 2 * n, len(triangles), has_vertex_normals=True, props=properties)
+    values = mi.traverse(shape)
+    values["vertex_positions"] = points.astype(np.float32).ravel()
+    values["vertex_normals"] = np.concatenate([normals, normals]).astype(np.float32).ravel()
+    values["faces"] = np.ascontiguousarray(triangles).astype(np.uint32).ravel()
+    values.update()
+    return shape
+
+
+def slab(pane: scenes.Pane, bsdf: dict) -> list:
+    """Returns the shapes of a pane."""
+    if pane.wave_m:
+        return [face(pane, 0.0, -1, bsdf), face(pane, pane.thickness_m, 1, bsdf)]
+    half = pane.thickness_m / 2
+    place = mi.ScalarTransform4f().translate([0, 0, pane.near_m + half]).scale([SLAB_HALF_M, SLAB_HALF_M, half])
+    return [{"type": "cube", "to_world": place, "bsdf": bsdf}]
+
+
+def moves_camera(scene: scenes.Scene, layer: str) -> bool:
+    """True if T is rendered without glass: flat faces only move the camera."""
+    return layer == "transmission" and not any(pane.wave_m for pane in scene.panes)
+
+
 def stock_scene(scene: scenes.Scene, layer: str) -> mi.Scene:
-    """Makes the sheets of a layer, with real glass (I, R~), a mirror (R) or nothing (T)."""
+    """Makes the sheets of a layer, with real glass (I, R~), a mirror (R), and faces that only refract or nothing (T)."""
     parts: dict = {"type": "scene"}
+    if not scene.is_smooth:
+        parts["dark"] = {"type": "point", "position": [0, 0, 0], "intensity": 0.0}
     if layer in ("input", "transmission"):
         parts["front"] = mesh(scene, "front")
     if layer != "transmission":
         parts["back"] = mesh(scene, "back")
-    move = mi.ScalarTransform4f()
-    if layer in ("input", "glass_reflection"):
-        half = scene.thickness_m / 2
-        place = move.translate([0, 0, scene.glass_distance_m + half]).scale([SLAB_HALF_M, SLAB_HALF_M, half])
-        glass = {"type": "dielectric", "int_ior": scene.ior, "ext_ior": 1.0}
-        parts["slab"] = {"type": "cube", "to_world": place, "bsdf": glass}
-    elif layer == "clean_reflection":
-        place = move.translate([0, 0, scene.glass_distance_m]).rotate([0, 1, 0], 180).scale([SLAB_HALF_M, SLAB_HALF_M, 1])
-        parts["mirror"] = {"type": "rectangle", "to_world": place, "bsdf": {"type": "conductor", "material": "none"}}
+    shapes = []
+    if layer == "clean_reflection":
+        mirror, pane = {"type": "conductor", "material": "none"}, scene.panes[0]
+        place = mi.ScalarTransform4f().translate([0, 0, pane.near_m]).rotate([0, 1, 0], 180).scale([SLAB_HALF_M, SLAB_HALF_M, 1])
+        flat = {"type": "rectangle", "to_world": place, "bsdf": mirror}
+        shapes = [face(pane, 0.0, -1, mirror) if pane.wave_m else flat]
+    elif not moves_camera(scene, layer):
+        for pane in scene.panes:
+            shapes += slab(pane, {"type": "refracting", "int_ior": pane.ior} if layer == "transmission" else glass(pane))
+    parts.update({f"glass_{k}": shape for k, shape in enumerate(shapes)})
     return mi.load_dict(parts)
 
 
@@ -127,15 +208,20 @@ class SlabSplit(mi.SamplingIntegrator):
         return total, mi.Bool(True), []
 
 
+def stock_set_up(scene: scenes.Scene, layer: str) -> tuple[mi.Scene, mi.Integrator, float]:
+    """Returns scene and integrator of Mitsuba's own plugins, and the camera's move."""
+    # rr_depth: no path ends by chance.
+    path = mi.load_dict({"type": "path", "max_depth": 8 * len(scene.panes), "rr_depth": 100})
+    return stock_scene(scene, layer), path, scene.focus_shift_m if moves_camera(scene, layer) else 0.0
+
+
 def stock(scene: scenes.Scene, record: Record, samples: list[int], sampler: str) -> None:
     """Measures Mitsuba's own plugins."""
-    path = mi.load_dict({"type": "path", "max_depth": 8, "rr_depth": 100})
     for layer in scenes.LAYERS:
         todo = [spp for spp in samples if not record.has(layer, spp)]
         if not todo:
             continue
-        world, build_s = cpu_s(lambda: stock_scene(scene, layer))
-        forward_m = scene.focus_shift_m if layer == "transmission" else 0.0
+        (world, path, forward_m), build_s = cpu_s(lambda: stock_set_up(scene, layer))
         for spp in todo:
             measure(record, layer, sampler, spp, world, path, sensor(scene, layer, sampler, spp, forward_m), build_s)
 
@@ -169,22 +255,26 @@ def measure(record: Record, layer: str, sampler: str, spp: int, world, integrato
 
 
 def reference(scene: scenes.Scene, record: Record, spp: int) -> None:
-    """Renders many samples in chunks; the noise is half the RMS difference between even and odd chunks."""
+    """Renders many samples in chunks, by `split` or, if the pane is not plain, by `stock`; the noise is half the RMS difference between even and odd
+    chunks."""
     chunks = max(2, spp // REFERENCE_CHUNK)
     each = spp // chunks
     if all(record.has(layer, spp) for layer in scenes.LAYERS):
         return
-    front, back = sheets(scene)
+    front, back = sheets(scene) if scene.is_plain else (None, None)
     for layer in scenes.LAYERS:
         if record.has(layer, spp):
             continue
-        integrator = SlabSplit(scene, layer, front, back, (3, 4))
-        camera = sensor(scene, layer, "multijitter", each)
+        if scene.is_plain:
+            world, integrator, forward_m = front, SlabSplit(scene, layer, front, back, (3, 4)), 0.0
+        else:
+            world, integrator, forward_m = stock_set_up(scene, layer)
+        camera = sensor(scene, layer, "multijitter", each, forward_m)
         halves = np.zeros((2, scene.height, scene.width, 3))
 
         def render_all() -> None:
             for k in range(chunks):
-                halves[k % 2] += np.array(mi.render(front, sensor=camera, integrator=integrator, spp=each, seed=1000 + k))
+                halves[k % 2] += np.array(mi.render(world, sensor=camera, integrator=integrator, spp=each, seed=1000 + k))
 
         _, seconds = cpu_s(render_all)
         halves /= chunks / 2
@@ -201,7 +291,7 @@ def main() -> None:
     parser.add_argument("--sampler", default="ldsampler", help="ldsampler (default), multijitter, independent, orthogonal")
     args = parser.parse_args()
     dr.set_thread_count(1)
-    scene = scenes.load(args.scene)
+    scene = scenes.load(args.scene, only_plain=args.set_up == "split")
     sampler = "multijitter" if args.set_up == "reference" else args.sampler
     record = Record(args.out, program=f"Mitsuba {mi.__version__}, {mi.variant()}", set_up=args.set_up, sampler=sampler)
     if args.set_up == "reference":

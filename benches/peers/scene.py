@@ -1,7 +1,8 @@
 """Reads a scene file (glasshouse.scene/1) for the peers: radiance, sheets of triangles, camera and glass.
 
 World: lens centre at the origin, +x image right, +y image down, +z into the front scene; metres. See docs/physics.md.
-Accepts only scenes that all peers can render: an untilted pane without absorption, depth along z, no holes, box filter.
+Accepts only scenes that some peer can render: an untilted pane without absorption, depth along z, no holes, box filter. The pane may have several
+layers, waves across x, and rough faces; only Mitsuba's stock set-up renders these.
 """
 
 from __future__ import annotations
@@ -46,6 +47,28 @@ class Sheet:
 
 
 @dataclass(frozen=True)
+class Pane:
+    """A pane of glass whose faces have the height `wave_m` sin(2 pi x / `wave_length_m`) along z; `roughness` is Beckmann's alpha."""
+
+    near_m: float
+    thickness_m: float
+    ior: float
+    roughness: float
+    wave_m: float
+    wave_length_m: float
+
+    @property
+    def is_plain(self) -> bool:
+        """True for a flat, smooth pane."""
+        return self.roughness == 0 and self.wave_m == 0
+
+    def wave(self, x_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns height and slope of the faces."""
+        k = 2 * np.pi / self.wave_length_m
+        return self.wave_m * np.sin(k * x_m), self.wave_m * k * np.cos(k * x_m)
+
+
+@dataclass(frozen=True)
 class Scene:
     """Film, lens, pane and the two photographs of one scene."""
 
@@ -57,20 +80,39 @@ class Scene:
     aperture_radius_m: float
     focus_distance_m: float
     glass_distance_m: float
-    thickness_m: float
-    ior: float
+    panes: tuple[Pane, ...]
     front: Photograph
     back: Photograph
     back_apex_m: np.ndarray
 
     @property
+    def is_plain(self) -> bool:
+        """True behind a single flat, smooth pane."""
+        return len(self.panes) == 1 and self.panes[0].is_plain
+
+    @property
+    def is_smooth(self) -> bool:
+        """True if no face is rough."""
+        return not any(pane.roughness for pane in self.panes)
+
+    @property
+    def thickness_m(self) -> float:
+        """Returns the thickness of the first pane."""
+        return self.panes[0].thickness_m
+
+    @property
+    def ior(self) -> float:
+        """Returns the index of refraction of the first pane."""
+        return self.panes[0].ior
+
+    @property
     def focus_shift_m(self) -> float:
-        """Returns the distance by which the pane brings objects behind it nearer along the axis: t (1 - 1/n)."""
-        return self.thickness_m * (1.0 - 1.0 / self.ior)
+        """Returns the distance by which flat panes bring objects behind them nearer along the axis: sum of t (1 - 1/n)."""
+        return sum(pane.thickness_m * (1.0 - 1.0 / pane.ior) for pane in self.panes)
 
 
-def load(folder: Path) -> Scene:
-    """Reads FOLDER/scene.json and its photographs."""
+def load(folder: Path, only_plain: bool = False) -> Scene:
+    """Reads FOLDER/scene.json and its photographs; refuses panes that are not `only_plain`, if a peer renders no others."""
     path = folder / "scene.json"
     if not path.is_file():
         raise SceneError(f"{path} is missing: give a folder with a scene.json (README.md has the commands that make one)")
@@ -88,14 +130,32 @@ def load(folder: Path) -> Scene:
         aperture_radius_m=line["camera"]["aperture_radius_m"],
         focus_distance_m=focus_distance_m(line, front),
         glass_distance_m=glass["distance_m"],
-        thickness_m=glass["thickness_m"],
-        ior=glass["ior"],
+        panes=panes(glass),
         front=front,
         back=back,
         back_apex_m=np.array([0.0, 0.0, 0.0 if apex(line) == "camera" else 2 * glass["distance_m"]]),
     )
     check_clearance(scene)
+    if only_plain and not scene.is_plain:
+        raise SceneError("this peer renders a single flat, smooth pane only")
     return scene
+
+
+def panes(glass: dict) -> tuple[Pane, ...]:
+    """Returns the panes of glass of a scene, from the camera outwards."""
+    if other := set(glass) - {"distance_m", "tilt_deg", "thickness_m", "ior", "absorption_per_m", "layers", "glazing", "roughness", "wave"}:
+        raise SceneError(f"no peer renders glass with {', '.join(sorted(other))}")
+    wave = glass.get("wave", {"amplitude_m": 0.0, "length_m": 1.0})
+    if wave.get("direction_deg", 0.0) != 0.0:
+        raise SceneError("the peers take waves across x: leave out direction_deg")
+    near_m, found = glass["distance_m"], []
+    for layer in glass.get("layers", [{"glass_m": glass.get("thickness_m"), "ior": glass.get("ior")}]):
+        if other := set(layer) - {"glass_m", "gap_m", "ior"}:
+            raise SceneError(f"the peers take layers without {', '.join(sorted(other))}")
+        if "glass_m" in layer:
+            found.append(Pane(near_m, layer["glass_m"], layer["ior"], glass.get("roughness", 0.0), wave["amplitude_m"], wave["length_m"]))
+        near_m += layer["glass_m"] if "glass_m" in layer else layer["gap_m"]
+    return tuple(found)
 
 
 def apex(line: dict) -> str:
@@ -144,7 +204,8 @@ def focus_distance_m(line: dict, front: Photograph) -> float:
 
 def check_clearance(scene: Scene) -> None:
     """Refuses sheets between lens and pane: a path tracer hits them there, but in glasshouse the pane clips nothing."""
-    if scene.front.depth_m.min() <= scene.glass_distance_m + scene.thickness_m:
+    last = scene.panes[-1]
+    if scene.front.depth_m.min() <= last.near_m + last.thickness_m + last.wave_m:
         raise SceneError("part of the front sheet is nearer than the pane: choose another scene")
     if scene.back.depth_m.min() <= scene.back_apex_m[2]:
         raise SceneError("part of the back sheet is in front of the lens: choose another scene")

@@ -427,7 +427,7 @@ mod tests {
         any("focus at infinity", &|s| s.lens.inverse_focus_per_m == 0.0);
         any("a pane without thickness", &|s| s.slab.thickness_m == 0.0);
         any("an invisible reflection", &|s| s.orders.back.is_empty());
-        for thinning in [1, 2, 16] {
+        for thinning in [1, 2, 16, 64] {
             any(&format!("orders thinned by {thinning}"), &|s| {
                 s.orders.back.iter().any(|f| f.thinning(0) == thinning)
             });

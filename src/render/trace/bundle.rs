@@ -15,7 +15,7 @@ use super::scene::{Pose, Scene, View};
 use super::shade::{absorbed, weights, weights_to_the_end};
 use super::slab::Order;
 use super::spans::{Found, OfPixel, Spans};
-use super::walk::{Group, Lines, Walkers, walk_bundle};
+use super::walk::{Group, LaneSpans, Lines, Walkers, approach, walk_bundle};
 
 /// One sample of a chunk along one order (or R's pinhole path).
 #[derive(Clone, Copy)]
@@ -158,9 +158,14 @@ pub(super) enum Feeds {
     Both,
 }
 
+/// Travel of a bundle's lines in their span, px, above which each of them passes blocks that lie below it.
+const TRAVEL_OF_BLOCKS_PX: f32 = 12.0;
+
 /// Lines of a bundle and their hits. All bundles reuse this memory.
 pub(super) struct BundleRays {
     lines: [Lines; CHUNK],
+    /// Spans of the rays of each row.
+    of_rows: [LaneSpans; CHUNK],
     /// The same lines with the samples of one pixel in a group.
     of_pixels: [Lines; LANES],
     /// Inverse depths of the hits, 1/m.
@@ -174,6 +179,7 @@ impl BundleRays {
     pub(super) fn new() -> Box<Self> {
         Box::new(Self {
             lines: [Lines::ZERO; CHUNK],
+            of_rows: [LaneSpans::EMPTY; CHUNK],
             of_pixels: [Lines::ZERO; LANES],
             w: [[0.0; LANES]; CHUNK],
             walkers: Walkers::new(),
@@ -204,13 +210,30 @@ impl BundleRays {
             Pose::Aligned { extra_m } if !bundle.is_free() => {
                 spans.of(scene, view, lanes, bundle, extra_m)
             }
-            _ => Found::Shared(span_of_lines(view, &lanes.grid, lines).into()),
+            _ => {
+                let (span, travel_px) = span_of_lines(view, &lanes.grid, lines);
+                if travel_px > TRAVEL_OF_BLOCKS_PX {
+                    Found::Spread(span)
+                } else {
+                    Found::Shared(span.into())
+                }
+            }
         };
         let is_inside = match found {
             Found::Shared(spans) => {
                 let group = Group { lanes: &lanes.grid, spans: &spans };
                 walk_bundle::<ISA>(&view.grid, |_| group, lines, &mut self.walkers, w);
                 spans.inside
+            }
+            Found::Spread(span) => {
+                let spans = &mut self.of_rows[..count];
+                spans.fill(span.into());
+                for (spans, lines) in spans.iter_mut().zip(&*lines) {
+                    approach(&view.grid, &lanes.grid, lines, spans);
+                }
+                let of = |g: usize| Group { lanes: &lanes.grid, spans: &spans[g] };
+                walk_bundle::<ISA>(&view.grid, of, lines, &mut self.walkers, w);
+                span.inside
             }
             Found::OfPixels(pixels) => {
                 self.walk_pixels::<ISA>(view, pixels);
@@ -273,7 +296,7 @@ impl BundleRays {
         let maker = LineMaker::new(scene, view, bundle.patch, lanes);
         let (lines, w) = (&mut self.lines[..1], &mut self.w[..1]);
         lines[0] = maker.lines(bundle.camera, bundle.rows[0].path, bundle.rows[0].sample);
-        let spans = span_of_lines(view, &lanes.grid, lines).into();
+        let spans = span_of_lines(view, &lanes.grid, lines).0.into();
         let group = Group { lanes: &lanes.grid, spans: &spans };
         walk_bundle::<ISA>(&view.grid, |_| group, lines, &mut self.walkers, w);
         w[0]

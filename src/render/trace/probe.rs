@@ -157,7 +157,7 @@ impl<'a> BundleProbe<'a> {
                 let area = Area::new(self.scene, x, y, PATCH_PX);
                 span_of_area(self.scene, self.view, &[self.path], &area, extra_m, true).0
             }
-            _ => span_of_lines(self.view, &bundle.grid, &bundle.lines),
+            _ => span_of_lines(self.view, &bundle.grid, &bundle.lines).0,
         }
     }
 

@@ -19,6 +19,8 @@ const CELLS_OF_PIXEL: f32 = 400.0;
 pub(super) enum Found<'a> {
     /// Of all rays.
     Shared(LaneSpans),
+    /// Of all rays, which spread so far that each has a shorter span of its own.
+    Spread(Span),
     /// Of the rays of each pixel.
     OfPixels(&'a [OfPixel; LANES]),
 }

@@ -423,7 +423,7 @@ fn footprints_and_spans_are_conservative() {
                         Pose::Aligned { extra_m } => {
                             span_of_area(&scene, view, &[path], &area, *extra_m, false).0
                         }
-                        Pose::General { .. } => span_of_lines(view, &lanes.grid, &lines),
+                        Pose::General { .. } => span_of_lines(view, &lanes.grid, &lines).0,
                     };
                     let all = full_span(&view.grid, false);
                     for group in &lines {

@@ -8,8 +8,10 @@
 //! Coordinates are relative to an integer grid point near each pixel's centre direction. Their rounding errors in f32 are
 //! about 1e-6 px; those of absolute coordinates would be 6e-5 px.
 
+mod approach;
 mod group;
 
+pub(crate) use approach::approach;
 pub(crate) use group::{GridLanes, Group, LaneSpans, Lines, Span};
 
 use super::grid::Grid;
@@ -109,7 +111,6 @@ fn as_array<T, const N: usize>(parts: &mut [T]) -> &mut [T; N] {
 struct Ground<'a> {
     w: &'a [f32],
     nx: i32,
-    ny: i32,
     /// Largest index of a vertex with right, lower and lower right neighbours.
     last_cell: u32,
 }
@@ -215,7 +216,7 @@ impl<'a> Ground<'a> {
         let w = grid.inverse_depths_per_m();
         let (nx, ny) = (grid.nx() as i32, grid.ny() as i32);
         assert!(nx >= 2 && ny >= 2 && w.len() == (nx * ny) as usize);
-        Self { w, nx, ny, last_cell: ((ny - 2) * nx + nx - 2) as u32 }
+        Self { w, nx, last_cell: ((ny - 2) * nx + nx - 2) as u32 }
     }
 
     /// Places lines `first..first + N` at the start of the bundle's span.
@@ -276,51 +277,51 @@ impl<'a> Ground<'a> {
     ) -> [[f32; N]; 4] {
         let (mut w00, mut w10) = ([0f32; N], [0f32; N]);
         let (mut w01, mut w11) = ([0f32; N], [0f32; N]);
+        let [first_x, first_y] = part::<N>(&group.lanes.first, first);
+        let [last_x, last_y] = part::<N>(&group.lanes.last, first);
+        let mut q = [0u32; N];
         if CLAMP {
-            let [first_x, first_y] = part::<N>(&group.lanes.first, first);
-            let [last_x, last_y] = part::<N>(&group.lanes.last, first);
             let base_cell = some::<_, N>(&group.lanes.cell, first);
-            let (mut q, mut right, mut down) = ([0u32; N], [0u32; N], [0u32; N]);
             for l in 0..N {
-                let (_, column) = floor(min(max(r.i[l], first_x[l]), last_x[l]));
-                let (_, row) = floor(min(max(r.j[l], first_y[l]), last_y[l]));
+                let (_, column) = floor(min(max(r.i[l], first_x[l]), last_x[l] - 1.0));
+                let (_, row) = floor(min(max(r.j[l], first_y[l]), last_y[l] - 1.0));
                 let cell = row.wrapping_mul(self.nx).wrapping_add(column);
-                q[l] = (cell.wrapping_add(base_cell[l]) as u32).min((self.nx * self.ny - 1) as u32);
-                right[l] = u32::from((r.i[l] >= first_x[l]) & (r.i[l] < last_x[l]));
-                let has_row_below = (r.j[l] >= first_y[l]) & (r.j[l] < last_y[l]);
-                down[l] = if has_row_below { self.nx as u32 } else { 0 };
-            }
-            for l in 0..N {
-                let (q, right, down) = (q[l] as usize, right[l] as usize, down[l] as usize);
-                w00[l] = self.w[q];
-                w10[l] = self.w[(q + right).min(self.w.len() - 1)];
-                w01[l] = self.w[(q + down).min(self.w.len() - 1)];
-                w11[l] = self.w[(q + right + down).min(self.w.len() - 1)];
+                q[l] = (cell.wrapping_add(base_cell[l]) as u32).min(self.last_cell);
             }
         } else {
-            let mut q = [0u32; N];
             for l in 0..N {
                 q[l] = (r.cell[l] as u32).min(self.last_cell);
             }
-            for first in (0..N).step_by(RAYS) {
-                let q = some::<_, RAYS>(&q, first);
-                // SAFETY: q <= last_cell = (ny - 2) nx + nx - 2, so q + nx + 1 <= ny nx - 1 < w.len(); only functions
-                // compiled for AVX2 have another `ISA` than the baseline.
-                let eight = unsafe {
-                    #[cfg(target_arch = "x86_64")]
-                    if ISA == BASELINE {
-                        corners(self.w, self.nx as usize, q)
-                    } else {
-                        corners_avx2(self.w, self.nx as usize, q)
-                    }
-                    #[cfg(not(target_arch = "x86_64"))]
+        }
+        for first in (0..N).step_by(RAYS) {
+            let q = some::<_, RAYS>(&q, first);
+            // SAFETY: q <= last_cell = (ny - 2) nx + nx - 2, so q + nx + 1 <= ny nx - 1 < w.len(); only functions
+            // compiled for AVX2 have another `ISA` than the baseline.
+            let eight = unsafe {
+                #[cfg(target_arch = "x86_64")]
+                if ISA == BASELINE {
                     corners(self.w, self.nx as usize, q)
-                };
-                for (corner, eight) in
-                    [&mut w00, &mut w10, &mut w01, &mut w11].into_iter().zip(&eight)
-                {
-                    corner[first..][..RAYS].copy_from_slice(eight);
+                } else {
+                    corners_avx2(self.w, self.nx as usize, q)
                 }
+                #[cfg(not(target_arch = "x86_64"))]
+                corners(self.w, self.nx as usize, q)
+            };
+            for (corner, eight) in [&mut w00, &mut w10, &mut w01, &mut w11].into_iter().zip(&eight)
+            {
+                corner[first..][..RAYS].copy_from_slice(eight);
+            }
+        }
+        if CLAMP {
+            // Beyond the border, a cell has its vertices alone.
+            for l in 0..N {
+                let (left, right) = (r.i[l] < first_x[l], r.i[l] >= last_x[l]);
+                let (above, below) = (r.j[l] < first_y[l], r.j[l] >= last_y[l]);
+                let across = |a: f32, b: f32| (if right { b } else { a }, if left { a } else { b });
+                let (top, bottom) = (across(w00[l], w10[l]), across(w01[l], w11[l]));
+                let down = |a: f32, b: f32| (if below { b } else { a }, if above { a } else { b });
+                (w00[l], w01[l]) = down(top.0, bottom.0);
+                (w10[l], w11[l]) = down(top.1, bottom.1);
             }
         }
         [w00, w10, w01, w11]

@@ -80,12 +80,7 @@ impl Card {
     pub(in super::super) fn texel(&self, u: f32, v: f32) -> [f32; 4] {
         let picture = &self.picture;
         let (width, height) = (picture.width(), picture.height());
-        let along = |at: f32, size: usize| {
-            let at = min(max(at * size as f32 - 0.5, 0.0), (size - 1) as f32);
-            let (whole, index) = floor(at);
-            (index as usize, at - whole)
-        };
-        let ((i, right), (j, below)) = (along(u, width), along(v, height));
+        let ((i, right), (j, below)) = (texel_at(u, width), texel_at(v, height));
         let cell = (j * picture.stride() + i) as u32;
         #[allow(unsafe_code, reason = "see Texture::quad")]
         // SAFETY: i < width and j < height.
@@ -93,14 +88,23 @@ impl Card {
             let [upper, lower] = picture.quad(cell);
             (&*upper, &*lower)
         };
-        // Not `map`, which the compiler does not always inline, and then compiles for the baseline.
+        // Neither `map` nor a closure: the compiler does not always inline them, and then compiles them for the baseline.
         let mut texel = [0.0; 4];
         for k in 0..4 {
-            let mix = |row: &[f32; 8]| row[k] * (1.0 - right) + row[4 + k] * right;
-            texel[k] = mix(upper) * (1.0 - below) + mix(lower) * below;
+            let above = upper[k] * (1.0 - right) + upper[4 + k] * right;
+            texel[k] =
+                above * (1.0 - below) + (lower[k] * (1.0 - right) + lower[4 + k] * right) * below;
         }
         texel
     }
+}
+
+/// Returns the texel before a coordinate of the picture, and how far behind its centre the coordinate is.
+#[inline(always)]
+fn texel_at(at: f32, size: usize) -> (usize, f32) {
+    let at = min(max(at * size as f32 - 0.5, 0.0), (size - 1) as f32);
+    let (whole, index) = floor(at);
+    (index as usize, at - whole)
 }
 
 #[cfg(test)]

@@ -347,11 +347,7 @@ impl RoughRays {
                 let mut numbers = [[0.0; LANES]; NUMBERS];
                 let count = 4 + pane.colours();
                 for (number, factors) in numbers[..count].iter_mut().zip(factors) {
-                    for (term, factor) in terms.iter().zip(&factors[..TERMS]) {
-                        for l in 0..LANES {
-                            number[l] += term[l] * factor;
-                        }
-                    }
+                    add_terms(number, &terms, &factors[..TERMS]);
                 }
                 let rays = &mut self.ways[way];
                 for k in 0..2 {
@@ -366,6 +362,23 @@ impl RoughRays {
                     weights[s] = number.map(exp_neg);
                 }
             }
+        }
+    }
+}
+
+/// Adds the products of terms and factors to a sum. It waits for one addition in four terms, not for each.
+#[inline(always)]
+fn add_terms(sum: &mut Lane, terms: &[Lane], factors: &[f32]) {
+    let (of_terms, of_factors) = (terms.chunks_exact(4), factors.chunks_exact(4));
+    let rest = of_terms.remainder().iter().zip(of_factors.remainder());
+    for (t, f) in of_terms.zip(of_factors) {
+        for l in 0..LANES {
+            sum[l] += (t[0][l] * f[0] + t[1][l] * f[1]) + (t[2][l] * f[2] + t[3][l] * f[3]);
+        }
+    }
+    for (term, factor) in rest {
+        for l in 0..LANES {
+            sum[l] += term[l] * factor;
         }
     }
 }

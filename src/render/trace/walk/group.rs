@@ -35,6 +35,10 @@ pub(crate) struct LaneSpans {
     pub(crate) inside: bool,
 }
 
+impl LaneSpans {
+    pub(crate) const EMPTY: Self = Self { hi: [0.0; LANES], lo: [0.0; LANES], inside: true };
+}
+
 impl From<Span> for LaneSpans {
     #[inline(always)]
     fn from(Span { hi, lo, inside }: Span) -> Self {
