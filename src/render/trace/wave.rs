@@ -64,11 +64,17 @@ pub(super) struct WaveLanes {
 }
 
 impl WaveLanes {
-    /// Returns sine and cosine of the wave's phase at a point relative to the pivot.
+    /// Returns the wave's phase at a point relative to the pivot, full turns.
     #[inline(always)]
-    pub(super) fn phase(&self, point: Vec3) -> (f32, f32) {
+    pub(super) fn turns(&self, point: Vec3) -> f32 {
         let [x, y, z] = self.waves_per_m;
-        sin_cos_turns(point.x * x + point.y * y + point.z * z)
+        point.x * x + point.y * y + point.z * z
+    }
+
+    /// Returns sine and cosine of the phase.
+    #[inline(always)]
+    fn phase(&self, point: Vec3) -> (f32, f32) {
+        sin_cos_turns(self.turns(point))
     }
 
     /// Returns height (m) and slope at a point relative to the pivot.
@@ -120,15 +126,17 @@ impl WaveLanes {
 
 /// Computes sin and cos of `turns` full turns. Of millions of turns, which lanes do not resolve, it returns numbers of at most about 1.
 #[inline(always)]
-fn sin_cos_turns(turns: f32) -> (f32, f32) {
+pub(super) fn sin_cos_turns(turns: f32) -> (f32, f32) {
     let (quarters, _) = floor(4.0 * turns + 0.5);
     // Rounding exceeds an eighth of a turn only beyond a million turns.
     let rest = min(max(turns - 0.25 * quarters, -0.25), 0.25);
     let (sin, cos) = sin_cos_octant(rest * std::f32::consts::TAU);
     let quarter = quarters - 4.0 * floor(0.25 * quarters).0;
     let is_odd = quarter == 1.0 || quarter == 3.0;
-    let (sin, cos) = if is_odd { (cos, -sin) } else { (sin, cos) };
-    if quarter >= 2.0 { (-sin, -cos) } else { (sin, cos) }
+    // Numbers are selected one by one: the compiler turns choices between pairs into branches.
+    let (first, second) = (if is_odd { cos } else { sin }, if is_odd { -sin } else { cos });
+    let sign = if quarter >= 2.0 { -1.0 } else { 1.0 };
+    (first * sign, second * sign)
 }
 
 impl RayLanes {

@@ -23,7 +23,7 @@ use super::super::lanes::{CHUNK, LANES, Lane, exp_neg};
 use super::super::patch::Patch;
 use super::super::sampler::{PixelSeed, SeedLanes, sample};
 use super::super::scene::{FilmPlane, Scene};
-use super::super::wave::WaveLanes;
+use super::super::wave::{WaveLanes, sin_cos_turns};
 use super::super::zones::ZONE_PX;
 use super::RoughPane;
 use super::rays::{CameraRays, RoughRays};
@@ -289,13 +289,19 @@ impl Form {
         }
         let Some(wave) = self.wave.as_ref().filter(|_| TERMS == WAVED) else { return terms };
         let depths_m = self.depths_m(camera, s);
+        let (mut point, mut turns) = ([[0.0; LANES]; 2], [0.0; LANES]);
+        for k in 0..2 {
+            for l in 0..LANES {
+                let direction = center[k][l] + camera.direction[k][s][l];
+                point[k][l] = camera.lens[k][s][l] + depths_m[l] * direction;
+            }
+        }
         let (mut cos, mut sin) = ([0.0; LANES], [0.0; LANES]);
         for l in 0..LANES {
-            let [x, y] = [0, 1].map(|k| {
-                let direction = center[k][l] + camera.direction[k][s][l];
-                camera.lens[k][s][l] + depths_m[l] * direction
-            });
-            (sin[l], cos[l]) = wave.phase(Vec3::new(x, y, depths_m[l] - self.pivot_m));
+            turns[l] = wave.turns(Vec3::new(point[0][l], point[1][l], depths_m[l] - self.pivot_m));
+        }
+        for l in 0..LANES {
+            (sin[l], cos[l]) = sin_cos_turns(turns[l]);
         }
         for term in 0..6 {
             for l in 0..LANES {
