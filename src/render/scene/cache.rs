@@ -249,9 +249,9 @@ mod tests {
     use crate::line::{SceneLine, parse_scene};
     use std::sync::Arc;
 
-    /// Bytes of the parts of a photograph of 2 x 2 px: four inverse depths, one block and four valid flags; 2 x 2 samples of
+    /// Bytes of the parts of a photograph of 2 x 2 px: four inverse depths, one block, its ceiling and four valid flags; 2 x 2 samples of
     /// three floats; 3 x 3 texels.
-    const SHAPE: usize = 16 + 8 + 4;
+    const SHAPE: usize = 16 + 8 + 4 + 4;
     const SAMPLES: usize = 48;
     const TEXTURE: usize = 144;
 

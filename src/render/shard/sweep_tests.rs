@@ -5,12 +5,12 @@ use crate::trace::{Isa, Scene, Tile, trace_tile};
 
 /// Golden scenes, and the digests of their pixels with all films and numbers of samples below.
 const KEPT: [(&str, &str); 6] = [
-    ("mirror", "9dbb2b069754e46397ba42681cc784d8bdd6be42e1e70984fb092ea35e2f0a03"),
-    ("camera", "1138e19aa274c9fa48fda5bfeb8ec2393657452436577c8ed1a28ceeec7be00e"),
-    ("tilted-absorbing", "9810cc71eaac9862d49631c4d6e996a31deda1323e6780ed7ee4e709657f761f"),
-    ("tilted-camera-gaussian", "04f5f041f809e004b7756d0dc42cfdb590ec1fbbb75012908027b20637240ab6"),
-    ("pinhole", "4d46a5c0feba59d120e5aa7370d568cb6dcb527df34d44e3e6a0bcbfd29fa0c4"),
-    ("steep", "c8ca2042ec6902f6049bf96c2b851d35c4181ecb988510a49a45bc3f71855445"),
+    ("mirror", "f285b2eb4285fef9eee2b0e114c84246dfe8457179247f41ecfa9893abb73dda"),
+    ("camera", "43681a457971a1870c9a43e6d501331c3a0712eb8e38aad6414812e299e869c0"),
+    ("tilted-absorbing", "c11efe27314116b7eb6db5e42559341a3198d1267d1a0888c6c5d4d789694e3e"),
+    ("tilted-camera-gaussian", "6c0499a2b607abb707340448e4f9866ef8909fb61eccc0b65e08c025b091ef3c"),
+    ("pinhole", "50e89d9dd146fc7194f5d97e6d103ac069501ca13ccee97455454117f4a53ede"),
+    ("steep", "60abc6706127b7497a6038654a386807878962a15f0f23d49746de4ad23b8a46"),
 ];
 
 /// Widths and heights of films, px: also no multiples of the side of a patch, and smaller than a patch.
