@@ -45,7 +45,9 @@ pub use fit::Slope;
 pub use kernels::{BuildRow, KernelRow, TracerRow, grid_builds, kernels, tracer};
 pub use ladder::{Ladder, LayerRow, VARIANTS, Variant, climb, slopes};
 pub use plot::error_plot;
-pub use recipe::{FeatureRow, PaneCost, SceneCost, by_feature, scene_cost, stage_costs};
+pub use recipe::{
+    FeatureRow, PaneCost, SceneCost, StageCosts, by_feature, scene_cost, stage_costs,
+};
 pub use reference::{Reference, own_reference, read_reference, reference_files};
 pub use render::{Rendering, Work, render};
 pub use scenes::{BenchScene, indoor, outdoor, pair, stress};

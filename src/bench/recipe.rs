@@ -9,6 +9,7 @@ use super::render::{Work, render};
 use super::scenes::BenchScene;
 use crate::farm::{FarmError, WorkOptions, work};
 use crate::run::Run;
+use render::ids::SceneId;
 use render::layer::Layer;
 use render::line::{GlassLayer, SceneLine};
 use render::scene::{LoadError, Negligible, SceneFiles, decode};
@@ -200,16 +201,21 @@ fn row(features: &str, scenes: &[&SceneCost]) -> FeatureRow {
     }
 }
 
-/// Makes all tuples of a run on one thread, and returns the CPU seconds of a tuple by stage. The last stage has what the
-/// others leave: the queue, leases and the store's threads.
-pub fn stage_costs(
-    run: &Run,
-    options: &WorkOptions,
-) -> Result<Vec<(&'static str, f64)>, FarmError> {
+/// The work on a run by stage.
+pub struct StageCosts {
+    /// Stages with the CPU seconds of a tuple. The last has what the others leave: the queue, leases and the store's threads.
+    pub stages: Vec<(&'static str, f64)>,
+    /// Quarantined scenes with the reasons.
+    pub quarantined: Vec<(SceneId, String)>,
+}
+
+/// Makes all tuples of a run on one thread.
+pub fn stage_costs(run: &Run, options: &WorkOptions) -> Result<StageCosts, FarmError> {
     let outcome = work(run, options, &|_| {})?;
     let tuples = outcome.merged.max(1) as f64;
     let stages = outcome.seconds.cpu().into_iter().filter(|(name, _)| *name != "before");
-    Ok(stages.map(|(name, seconds)| (name, seconds / tuples)).collect())
+    let stages = stages.map(|(name, seconds)| (name, seconds / tuples)).collect();
+    Ok(StageCosts { stages, quarantined: outcome.quarantined })
 }
 
 #[cfg(test)]

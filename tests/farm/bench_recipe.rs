@@ -40,3 +40,34 @@ fn a_recipe_is_measured_by_feature_and_by_stage() {
     }
     assert_eq!(files(place.folder.path()).len(), 1, "only the recipe is there");
 }
+
+#[test]
+fn scenes_that_a_run_quarantines_are_named_and_left_out() {
+    let place = place();
+    let near = |distance: &str| {
+        let pane = format!("[glass]\ndistance_m = {distance}\n");
+        std::fs::write(&place.recipe, RECIPE.replace("spp = 256", "spp = 4") + &pane).unwrap();
+    };
+    let bench = |code: i32, more: &[&str]| {
+        let all = [&["bench", "recipe", text(&place.recipe), "--scenes", "4", "--json"], more];
+        run(&all.concat()).expect(code)
+    };
+    // The nearest surfaces of two scenes are at 1.7 and 1.9 m.
+    near("{ choice = [0.3, 3.0] }");
+    for (more, measured) in [(&["--rounds", "1"][..], "costs"), (&["--by", "stage"], "stages")] {
+        let found = bench(0, more).json();
+        let refused = found["refused"].as_array().unwrap();
+        let names: Vec<&str> = refused.iter().map(|one| one["scene"].as_str().unwrap()).collect();
+        assert_eq!(names, ["train-sample-000002", "test-sample-000000"], "{found}");
+        assert!(refused[0]["reason"].as_str().unwrap().contains("nearer than the pane at 3 m"));
+        assert!(!found[measured].as_array().unwrap().is_empty());
+        if measured == "costs" {
+            assert_eq!(found["features"][0]["scenes"], json!(2));
+        }
+    }
+    near("9.0");
+    let all_refused = bench(4, &["--rounds", "1"]);
+    assert!(
+        all_refused.stderr.contains("no scene can be rendered; the first: train-sample-000000")
+    );
+}

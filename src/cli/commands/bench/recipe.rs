@@ -1,7 +1,7 @@
 //! `bench recipe`: measures the scenes of a recipe by feature or by stage.
 
 use crate::bench::{
-    FeatureRow, SceneCost, Work, by_feature, cpu_name, on_cpu, scene_cost, stage_costs,
+    BenchError, FeatureRow, SceneCost, Work, by_feature, cpu_name, on_cpu, scene_cost, stage_costs,
 };
 use crate::cli::args::{Global, RootArgs, isa, parse_spp};
 use crate::cli::exit_code::{Exit, Failure, failure};
@@ -129,10 +129,11 @@ impl<'a> Bench<'a> {
             features: None,
             costs: None,
             stages: None,
+            refused: Vec::new(),
         };
         let run = Run::open(&place, &Roots::default())?;
         if self.args.by == By::Feature {
-            let costs = self.costs(&run, lines)?;
+            let costs = self.costs(&run, lines, &mut report.refused)?;
             report.features = Some(by_feature(&costs));
             report.costs = Some(costs);
             return Ok(report);
@@ -151,12 +152,23 @@ impl<'a> Bench<'a> {
             ("once: checks, photographs", (first_s - again_s).max(0.0) / count as f64),
             ("plan", again_s / count as f64),
         ];
-        stages.extend(stage_costs(&run, &WorkOptions::new(1, self.isa, signals.stop()))?);
+        let costs = stage_costs(&run, &WorkOptions::new(1, self.isa, signals.stop()))?;
+        stages.extend(costs.stages);
+        let quarantined = costs.quarantined.into_iter();
+        report.refused =
+            quarantined.map(|(id, reason)| Refused { scene: id.to_string(), reason }).collect();
+        some_measured(&report.refused, count)?;
         report.stages = Some(stages.into_iter().map(Stage::from).collect());
         Ok(report)
     }
 
-    fn costs(&self, run: &Run, lines: &[SceneLine]) -> Result<Vec<SceneCost>, Failure> {
+    /// Measures the scenes, and puts those that a run would quarantine into `refused`.
+    fn costs(
+        &self,
+        run: &Run,
+        lines: &[SceneLine],
+        refused: &mut Vec<Refused>,
+    ) -> Result<Vec<SceneCost>, Failure> {
         let signals = Signals::catch();
         let progress = Progress::new(self.global, "scenes", lines.len() as u64);
         let inputs = store_env::inputs();
@@ -166,15 +178,34 @@ impl<'a> Bench<'a> {
         let work = Work { threads: 1, isa: self.isa, stop: signals.stop(), on_samples: &|_| {} };
         let mut costs = Vec::new();
         for line in lines {
-            let Some(cost) = scene_cost(line, usize::from(self.args.rounds), &read, &work)? else {
-                progress.finish();
-                return Err(failure!(signals.exit(), "stopped by a signal: no table was written"));
-            };
-            costs.push(cost);
+            match scene_cost(line, usize::from(self.args.rounds), &read, &work) {
+                Ok(Some(cost)) => costs.push(cost),
+                Ok(None) => {
+                    progress.finish();
+                    let stopped = "stopped by a signal: no table was written";
+                    return Err(failure!(signals.exit(), "{stopped}"));
+                }
+                Err(refusal @ (BenchError::Load(_) | BenchError::Assemble(_))) => {
+                    let reason = refusal.to_string();
+                    refused.push(Refused { scene: line.id.to_string(), reason });
+                }
+                Err(error) => return Err(error.into()),
+            }
             progress.add(1, false);
         }
         progress.finish();
+        some_measured(refused, lines.len())?;
         Ok(costs)
+    }
+}
+
+/// Fails if all scenes were refused, with the first reason.
+fn some_measured(refused: &[Refused], count: usize) -> Result<(), Failure> {
+    match refused.first() {
+        Some(first) if refused.len() == count => {
+            Err(failure!(Exit::InvalidInput, "no scene can be rendered; the first: {first}"))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -222,6 +253,20 @@ struct Report {
     costs: Option<Vec<SceneCost>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     stages: Option<Vec<Stage>>,
+    /// Scenes that a run quarantines; they are in no figure.
+    refused: Vec<Refused>,
+}
+
+#[derive(Serialize)]
+struct Refused {
+    scene: String,
+    reason: String,
+}
+
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.scene, self.reason)
+    }
 }
 
 /// A stage and its CPU seconds for one tuple.
@@ -253,6 +298,9 @@ impl fmt::Display for Report {
             table.extend(stages.iter().map(|stage| row(stage.stage, stage.cpu_seconds)));
             table.push(row("plan to rest", sum));
             f.write_str(&markdown_table(&table, 1))?;
+        }
+        for refused in &self.refused {
+            write!(f, "\nrefused, in no figure: {refused}")?;
         }
         Ok(())
     }
