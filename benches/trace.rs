@@ -6,9 +6,9 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use glasshouse::bench::{BenchScene, Work, indoor, outdoor, pair, render, stress};
-use render::color::SrgbEncoder;
+use glasshouse_line::color::SrgbEncoder;
+use glasshouse_line::{Apex, Fill, Focus};
 use render::formats::{NamedBytes, PhotographFiles};
-use render::line::{Apex, Fill, Focus};
 use render::merge::{Tuple, encode_png, encode_tuple_exr};
 use render::scene::{Decoded, Polygons, decode_photograph};
 use render::trace::{

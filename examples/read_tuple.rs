@@ -7,7 +7,7 @@
 
 #![allow(clippy::print_stdout, reason = "examples show their results")]
 
-use render::layer::PerLayer;
+use glasshouse_line::layer::PerLayer;
 use render::merge::{TupleRecord, decode_tuple_exr};
 use std::error::Error;
 use std::path::Path;

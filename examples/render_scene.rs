@@ -7,8 +7,8 @@
 #![allow(clippy::print_stdout, reason = "examples show their results")]
 
 use compose::write_tuple;
+use glasshouse_line::{Roots, parse_scene};
 use render::job::{SceneJob, render_partials};
-use render::line::{Roots, parse_scene};
 use render::merge::combine;
 use render::scene::{load, read_files};
 use render::shard::ShardLayout;

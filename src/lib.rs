@@ -5,7 +5,8 @@
 //! (R). The method follows Kim, Huo and Yoon, "Single Image Reflection Removal with Physically-Based Training Images",
 //! CVPR 2020.
 //!
-//! Each stage is a separate crate, independent of runs, queues and the command line:
+//! Each stage is a separate crate, independent of runs, queues and the command line. All know the scene line ([`line`]), the
+//! parameters of one scene:
 //!
 //! ```text
 //! procedural -> plan ------> render -------------> compose ---> examples --> train
@@ -16,6 +17,7 @@
 //! This package runs the stages on one machine or on many. Its modules are in pipeline order, and each imports only
 //! modules above it. Only [`cli`] prints, exits and reads the environment.
 
+pub use glasshouse_line as line;
 pub use {compose, examples, plan, procedural, render};
 #[cfg(feature = "train")]
 pub use {depth, train};

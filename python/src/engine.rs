@@ -2,10 +2,10 @@
 
 use crate::errors::BadScene;
 use crate::process::text;
+use glasshouse_line::{Roots, SceneLine};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use render::job::SceneJob;
-use render::line::{Roots, SceneLine};
 use render::merge::{Tuple, combine};
 use render::partial::Maker;
 use render::scene::SceneLoader;

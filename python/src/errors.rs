@@ -1,8 +1,8 @@
 //! Exceptions of the module.
 
+use glasshouse_line::ids::SceneId;
 use pyo3::prelude::*;
 use pyo3::{create_exception, exceptions::PyException};
-use render::ids::SceneId;
 use std::fmt::Display;
 
 create_exception!(

@@ -2,10 +2,10 @@
 
 use crate::errors::error;
 use crate::process::interruptible;
+use glasshouse_line::{Roots, SceneLine, parse_jsonl, to_jsonl};
 use plan::{LocalFiles, Request, draft, invalid_text, make_inputs};
 use pyo3::prelude::*;
 use render::input_file;
-use render::line::{Roots, SceneLine, parse_jsonl, to_jsonl};
 use render::shard::{SPEC_SCHEMA, Spec, manifest_digest};
 use render::trace::TRACER_VERSION;
 use std::collections::{BTreeMap, BTreeSet};

@@ -10,14 +10,14 @@ use examples::{
     Example, ExampleError, ExampleSampler, PairSource, PhotographSource, Planes, SceneSource,
     ShardSource, TupleFiles, TupleFilesError, TupleSource, scenes_digest,
 };
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::{Roots, SceneLine, Split};
 use numpy::PyArrayMethods;
 use plan::{LocalFiles, TrainSettings, Trainings};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use render::ids::SceneId;
 use render::input_file;
-use render::line::{Roots, SceneLine, Split};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -2,10 +2,10 @@
 
 use crate::arrays::array;
 use crate::errors::error;
+use glasshouse_line::layer::Layer;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use render::input_file;
-use render::layer::Layer;
 use render::merge::{TupleRecord, decode_tuple_exr, decode_tuple_labels};
 use std::path::PathBuf;
 

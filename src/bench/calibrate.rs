@@ -4,8 +4,8 @@
 //! for one core; cores that share arithmetic units are slower when all are busy.
 
 use super::clock::cpu_s;
+use glasshouse_line::SceneLine;
 use plan::Calibration;
-use render::line::SceneLine;
 use render::scene::{LoadError, SceneFiles, load};
 use render::shard::samples_per_range;
 use render::trace::{CELL_PX, Isa, Tile, trace_tile};
@@ -98,8 +98,8 @@ fn gcd(a: u64, b: u64) -> u64 {
 mod tests {
     use super::super::scenes::{pair, photograph};
     use super::*;
+    use glasshouse_line::ids::SceneId;
     use procedural::listing;
-    use render::ids::SceneId;
     use render::scene::SideFiles;
 
     fn line(width: u32, height: u32) -> SceneLine {

@@ -1,6 +1,6 @@
 //! Measures of the difference between an image and its reference.
 
-use render::color::linear_to_srgb;
+use glasshouse_line::color::linear_to_srgb;
 use serde::Serialize;
 
 /// Side of a cell, px. The measures of the worst regions are RMSE values of cells.

@@ -3,8 +3,8 @@
 use super::clock::{cpu_s, median_and_best};
 use super::error::BenchError;
 use super::scenes::BenchScene;
-use render::layer::Layer;
-use render::line::Apex;
+use glasshouse_line::Apex;
+use glasshouse_line::layer::Layer;
 use render::scene::Decoded;
 use render::trace::{
     BLOCK, BundleProbe, Grid, Isa, Order, Sampling, Scene, Tile, TileResult, WalkCount, trace_tile,

@@ -6,8 +6,8 @@ use super::fit::{Slope, log_log_slope};
 use super::reference::Reference;
 use super::render::{Work, render};
 use super::scenes::BenchScene;
-use render::layer::Layer;
-use render::line::{LayerSet, SceneLine};
+use glasshouse_line::layer::Layer;
+use glasshouse_line::{LayerSet, SceneLine};
 use render::trace::Sampling;
 use serde::Serialize;
 

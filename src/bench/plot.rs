@@ -2,8 +2,8 @@
 
 use super::ladder::{LayerRow, VARIANTS};
 use crate::plot::{Axis, LAYER_COLOURS, Panel, Stroke};
+use glasshouse_line::layer::Layer;
 use maud::{Markup, html};
-use render::layer::Layer;
 
 /// Dash patterns of the variants, in their order: solid, dashed, dotted.
 const DASHES: [&str; 3] = ["", "7 4", "1.5 4"];

@@ -3,11 +3,11 @@
 use super::error::BenchError;
 use super::render::{Work, render};
 use super::scenes::BenchScene;
+use glasshouse_line::SceneLine;
+use glasshouse_line::layer::{Layer, PerLayer};
 use render::atomic_file;
 use render::formats::NamedBytes;
 use render::formats::encode_rgb_exr;
-use render::layer::{Layer, PerLayer};
-use render::line::SceneLine;
 use render::scene::decode_linear_image;
 use render::shard::scene_digest;
 use render::trace::{Sampling, TRACER_VERSION};

@@ -3,8 +3,8 @@
 use super::clock::cpu_s;
 use super::error::BenchError;
 use super::scenes::BenchScene;
+use glasshouse_line::SceneLine;
 use render::job::SceneJob;
-use render::line::SceneLine;
 use render::merge::{Tuple, combine};
 use render::partial::Partial;
 use render::shard::ShardLayout;

@@ -1,9 +1,9 @@
 //! Scenes of the benchmarks: built-in scenes, so that benchmarks run anywhere, or scenes from files.
 
 use super::error::BenchError;
+use glasshouse_line::{SceneLine, parse_scene};
 use procedural::{Place, SamplePhotograph};
 use render::formats::{NamedBytes, PhotographFiles};
-use render::line::{SceneLine, parse_scene};
 use render::scene::{
     DecodedScene, InputDigests, LoadedScene, SceneFiles, Sheet, SideFiles, assemble_decoded, decode,
 };
@@ -58,7 +58,7 @@ pub fn stress(film_px: u32) -> BenchScene {
     // The photographs have a larger field of view than the film.
     let intrinsics = json!({"fx": 1365.0, "fy": 1365.0, "cx": 512.0, "cy": 384.0});
     let mut line = line("stress", film_px, &intrinsics, [false; 2]);
-    line.camera.focus = render::line::Focus::Distance { distance_m: 0.8 };
+    line.camera.focus = glasshouse_line::Focus::Distance { distance_m: 0.8 };
     let sheet_intrinsics = serde_json::from_value(intrinsics).expect("intrinsics are numbers");
     let hash = |mut x: u32| {
         x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);

@@ -3,8 +3,8 @@
 use super::exit_code::{Exit, Failure, failure};
 use crate::farm::queue::NatsOptions;
 use clap::{Args as ClapArgs, ValueEnum};
-use render::ids::SceneId;
-use render::line::Split;
+use glasshouse_line::Split;
+use glasshouse_line::ids::SceneId;
 use render::trace::Isa;
 use std::path::PathBuf;
 use std::time::Duration;

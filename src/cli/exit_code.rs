@@ -180,7 +180,7 @@ exit_codes! {
     render::atomic_file::WriteError {
         _ => Failed,
     }
-    render::line::RootError {
+    glasshouse_line::RootError {
         _ => Usage,
     }
 }

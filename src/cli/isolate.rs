@@ -8,7 +8,7 @@ use crate::farm::{Fault, Sandbox, SandboxEnd};
 use crate::pipe::lines;
 use crate::run::{EndKind, Ending, Task};
 use crossbeam::channel::{Receiver, RecvTimeoutError};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use serde_json::Value;
 use std::collections::VecDeque;
 use std::os::unix::process::ExitStatusExt;

@@ -6,7 +6,7 @@
 use super::args::{ColorWhen, Global};
 use super::exit_code::{Exit, Failure, failure};
 use crate::text::{printable, printable_json};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
 use std::fmt::Display;

@@ -5,7 +5,7 @@ use super::store_env::{inputs, store_options};
 use crate::run::{Run, RunError, keys};
 use crate::store::Store;
 use bytes::Bytes;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use render::shard::{Spec, manifest_digest};
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! Intervals of paired differences, by resampling pictures with replacement (Efron, Annals of Statistics 7, 1979).
 
 use super::score::number;
-use render::hash::{mix64, splitmix64};
+use glasshouse_line::hash::{mix64, splitmix64};
 use serde::Serialize;
 
 /// Number of resamples.

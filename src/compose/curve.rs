@@ -7,8 +7,8 @@
 //!
 //! h is Hable's curve of the game Uncharted 2 ("Filmic tonemapping operators", filmicworlds.com, 2010).
 
-use render::color::linear_to_srgb;
-use render::line::Tone;
+use glasshouse_line::Tone;
+use glasshouse_line::color::linear_to_srgb;
 use std::sync::LazyLock;
 
 /// Bits of a value's mantissa that choose its node: the table has 256 nodes per factor of two.

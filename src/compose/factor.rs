@@ -6,8 +6,8 @@
 
 use super::EvaluateError;
 use super::code_sums::{CodeSums, CodeTable};
+use glasshouse_line::color::{SrgbEncoder, srgb_to_linear};
 use image::{Rgb, RgbImage};
-use render::color::{SrgbEncoder, srgb_to_linear};
 use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
 

@@ -1,9 +1,9 @@
 //! Rounding to 8 bits, and the losses of JPEG.
 
+use glasshouse_line::Subsampling;
 use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
 use image::{ExtendedColorType, ImageDecoder, ImageResult};
 use jpeg_encoder::{ColorType, Encoder, EncodingError, SamplingFactor};
-use render::line::Subsampling;
 use std::io::Cursor;
 
 /// Returns the codes of square planes as 8-bit RGB. Codes must lie in [0, 1].

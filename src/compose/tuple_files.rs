@@ -2,10 +2,10 @@
 
 use crate::camera::{Shot, encode_dng};
 use crate::jpeg::{encode_jpeg, to_rgb8};
+use glasshouse_line::Sensor;
+use glasshouse_line::color::SrgbEncoder;
+use glasshouse_line::layer::Layer;
 use render::atomic_file;
-use render::color::SrgbEncoder;
-use render::layer::Layer;
-use render::line::Sensor;
 use render::merge::{
     PHOTO, RAW, Tuple, TupleWriteError, encode_layer_image, encode_rgb8_png, encode_tuple_record,
     photographed_layer, tuple_images,

@@ -6,9 +6,9 @@
 
 use super::code_sums::{CodeSums, CodeTable};
 use super::factor::decimals;
+use glasshouse_line::color::{SrgbEncoder, srgb_to_linear};
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
-use render::color::{SrgbEncoder, srgb_to_linear};
 use serde::{Deserialize, Serialize};
 
 /// Share of a channel's samples that are darker than its veil.

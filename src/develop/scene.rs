@@ -6,10 +6,10 @@ use crate::run::keys;
 use crate::store::Store;
 use bytes::Bytes;
 use compose::encode_photograph;
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::layer::Layer;
+use glasshouse_line::{SceneLine, Sensor, Split};
 use render::atomic_file;
-use render::ids::SceneId;
-use render::layer::Layer;
-use render::line::{SceneLine, Sensor, Split};
 use render::merge::{
     PhotographRecord, TupleRecord, decode_tuple_exr, is_readable_record_of, photographed_layer,
     photographs,

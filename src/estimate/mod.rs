@@ -15,11 +15,11 @@ use crate::made::{
 };
 use crate::outputs::is_empty;
 use depth::{DepthMap, DepthNet, Model};
+use glasshouse_line::{DepthKind, ExrPrecision};
 use picture::{link, read_rgb, remove};
 use plan::{FolderPicture, FolderPictures};
 use render::atomic_file;
 use render::formats::encode_npy;
-use render::line::{DepthKind, ExrPrecision};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::BTreeSet;

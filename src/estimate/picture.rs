@@ -1,10 +1,10 @@
 //! Pictures for the network, and their copies beside the depth maps.
 
 use super::error::EstimateError;
+use glasshouse_line::Transfer;
+use glasshouse_line::color::SrgbEncoder;
 use image::RgbImage;
-use render::color::SrgbEncoder;
 use render::formats::NamedBytes;
-use render::line::Transfer;
 use render::scene::decode_linear_image;
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! Digests of the data of a training, which its checkpoints record.
 
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
 use render::shard::scene_digest;
 
 /// Returns the BLAKE3 (hex) of scene lines, in order.

@@ -2,10 +2,10 @@
 
 use super::source::{Base, ExampleError};
 use compose::{Layer, LinearTuple, StoredLayer, TupleLayers};
+use glasshouse_line::label::Label;
+use glasshouse_line::layer;
+use glasshouse_line::{SceneLine, Split};
 use memmap2::Mmap;
-use render::label::Label;
-use render::layer;
-use render::line::{SceneLine, Split};
 use render::merge::TupleRecord;
 use safetensors::{Dtype, SafeTensors};
 use std::collections::HashMap;

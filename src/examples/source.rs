@@ -4,12 +4,12 @@ use super::example::{Example, Planes};
 use super::picture::Picture;
 use super::srgb_planes::{planes_of_bytes, planes_of_linear};
 use compose::{Layer as LinearLayer, LinearTuple, Pair, TupleLayers, read_picture};
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::label::Label;
+use glasshouse_line::layer::Layer;
+use glasshouse_line::{Roots, SceneLine};
 use image::{Rgb32FImage, imageops};
 use plan::{InputFiles, PixelSource};
-use render::ids::SceneId;
-use render::label::Label;
-use render::layer::Layer;
-use render::line::{Roots, SceneLine};
 use render::merge::{
     PHOTO, RAW, TupleRecord, decode_tuple_exr, decode_tuple_labels, is_readable_record_of,
     photographed_layer, photographs,
@@ -197,7 +197,7 @@ impl TupleSource {
         record: &TupleRecord,
     ) -> Result<[Option<Planes>; 4], ExampleError> {
         let mut layers = [const { None }; 4];
-        for (layer, name) in layers.iter_mut().zip(render::layer::Layer::NAMES) {
+        for (layer, name) in layers.iter_mut().zip(glasshouse_line::layer::Layer::NAMES) {
             if record.layers.contains_key(name) {
                 let size = [line.film.width, line.film.height];
                 let name = format!("{name}.png");

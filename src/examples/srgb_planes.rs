@@ -42,7 +42,7 @@ pub fn bytes_of_planes(planes: &[f32]) -> Vec<u8> {
 mod tests {
     use super::*;
     use exr::prelude::f16;
-    use render::color::{SrgbEncoder, linear_to_srgb, srgb_to_linear};
+    use glasshouse_line::color::{SrgbEncoder, linear_to_srgb, srgb_to_linear};
 
     #[test]
     fn codes_equal_those_of_the_png_files() {

@@ -5,7 +5,7 @@ use super::finish::Summary;
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, PixelEncoding};
 use crate::run::Run;
-use render::label::{Label, LabelSet};
+use glasshouse_line::label::{Label, LabelSet};
 use serde_json::json;
 use std::fmt::Write;
 

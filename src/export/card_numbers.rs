@@ -1,6 +1,6 @@
 //! Numbers on the card, such as ranges of parameters and stated errors, combined part by part in a fixed order.
 
-use render::line::Side;
+use glasshouse_line::Side;
 use render::merge::TupleRecord;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -11,8 +11,8 @@ use super::part::{PartRecord, record_name};
 use super::plan::ExportPlan;
 use super::request::{ExportFormat, REQUEST_FILE};
 use crate::run::Run;
+use glasshouse_line::Split;
 use render::atomic_file::{self, PendingFile, WriteError};
-use render::line::Split;
 use std::collections::BTreeMap;
 use std::io::Write;
 

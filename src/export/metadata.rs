@@ -4,7 +4,7 @@
 use super::plan::ExportPlan;
 use super::request::ExportFormat;
 use super::sample::{label_file, layer_file};
-use render::line::Split;
+use glasshouse_line::Split;
 use render::merge::TupleRecord;
 use serde_json::{Map, Value, json};
 use std::path::Path;

@@ -4,10 +4,10 @@ use super::error::ExportError;
 use super::request::{EXPORT_REQUEST_SCHEMA, ExportFormat, ExportRequest, PixelEncoding, check};
 use crate::run::{AccessError, Run, Scope, Snapshot};
 use crate::store::Store;
-use render::ids::SceneId;
-use render::label::LabelSet;
-use render::layer::Layer;
-use render::line::Split;
+use glasshouse_line::Split;
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::label::LabelSet;
+use glasshouse_line::layer::Layer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 

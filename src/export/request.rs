@@ -2,8 +2,8 @@
 
 use super::error::ExportError;
 use super::plan::LeftOut;
-use render::layer::Layer;
-use render::line::Split;
+use glasshouse_line::Split;
+use glasshouse_line::layer::Layer;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 

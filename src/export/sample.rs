@@ -8,10 +8,10 @@ use crate::made::{self, Digests, Files};
 use crate::run::keys;
 use crate::store::Store;
 use bytes::Bytes;
+use glasshouse_line::label::{Label, LabelImages, LabelSet};
+use glasshouse_line::layer::{Layer, PerLayer};
+use glasshouse_line::{ExrPrecision, SceneLine, Split};
 use render::formats::{encode_npy, encode_parts_exr, label_precision};
-use render::label::{Label, LabelImages, LabelSet};
-use render::layer::{Layer, PerLayer};
-use render::line::{ExrPrecision, SceneLine, Split};
 use render::merge::{
     PHOTO, RAW, TupleRecord, check_png, decode_tuple_exr, decode_tuple_labels, encode_png16,
     encode_rgb8_png, is_readable_record_of, photographed_layer, tuple_files,

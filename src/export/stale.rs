@@ -7,8 +7,8 @@ use super::part::{PartRecord, record_name, recorded};
 use super::plan::ExportPlan;
 use crate::made::{Difference, Digests, Files, Remade};
 use crate::run::keys;
+use glasshouse_line::Split;
 use rayon::prelude::*;
-use render::line::Split;
 use std::path::Path;
 
 /// What a call must make again.

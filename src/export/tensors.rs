@@ -2,10 +2,10 @@
 
 use super::request::{ExportFormat, PixelEncoding};
 use super::sample::{label_file, layer_file, made};
+use glasshouse_line::label::LabelImages;
+use glasshouse_line::layer::PerLayer;
+use glasshouse_line::{ExrPrecision, SceneLine};
 use render::formats::{extend_floats, label_precision};
-use render::label::LabelImages;
-use render::layer::PerLayer;
-use render::line::{ExrPrecision, SceneLine};
 
 /// An array of little-endian floats, plane after plane.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,8 +18,8 @@ pub(super) struct Tensor {
     pub(super) bytes: Vec<u8>,
 }
 
-/// Returns a tensor for each layer and each label of a tuple, in the order of [`render::layer::Layer`], then of
-/// [`render::label::Label`]. `precision` is that of the layers in `tuple.exr`.
+/// Returns a tensor for each layer and each label of a tuple, in the order of [`glasshouse_line::layer::Layer`], then of
+/// [`glasshouse_line::label::Label`]. `precision` is that of the layers in `tuple.exr`.
 pub(super) fn tensors(
     line: &SceneLine,
     layers: &PerLayer<Vec<[f32; 3]>>,

@@ -2,7 +2,7 @@
 
 use super::simulate as sim;
 use crate::run::Event;
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use render::trace::TileResult;
 use std::str::FromStr;
 use std::time::Duration;

@@ -9,9 +9,9 @@ use crate::run::{
 use crate::store::Store;
 use bytes::Bytes;
 use compose::{encode_tuple, write_tuple};
-use render::color::SrgbEncoder;
-use render::ids::SceneId;
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
+use glasshouse_line::color::SrgbEncoder;
+use glasshouse_line::ids::SceneId;
 use render::merge::{MergeError, Tuple, combine};
 use render::partial;
 use std::path::Path;

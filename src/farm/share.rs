@@ -3,7 +3,7 @@
 use super::error::FarmError;
 use crate::run::{Run, RunError, keys};
 use crate::store::{Store, StoreError};
-use render::line::{Roots, SceneLine, is_url};
+use glasshouse_line::{Roots, SceneLine, is_url};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

@@ -4,7 +4,7 @@ use crate::farm::FarmError;
 use crate::run::{AccessError, keys};
 use crate::store::{Store, StoreError};
 use bytes::Bytes;
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
 use render::merge::Tuple;
 use std::time::Duration;
 

@@ -5,8 +5,8 @@ use super::facts::{Inspection, Problem};
 use super::input::{AGAIN, Input};
 use super::kind::{Kind, kind_by_name, kind_of, schema_of};
 use super::{archive, lists, manifest, partial, picture, record, tuple, tuple_shard};
+use glasshouse_line::layer::Layer;
 use render::atomic_file::is_unfinished;
-use render::layer::Layer;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 

@@ -5,10 +5,10 @@ use super::input::{AGAIN, Input};
 use super::kind::Kind;
 use exr::meta::MetaData;
 use exr::prelude::{AttributeValue, SampleType, Text, Vec2};
+use glasshouse_line::label::Label;
+use glasshouse_line::layer::Layer;
 use render::formats::limits::{MAX_PIXELS, MAX_SIDE};
 use render::formats::{ExrChannels, decode_exr_channels};
-use render::label::Label;
-use render::layer::Layer;
 use serde_json::json;
 use std::io::Cursor;
 

@@ -9,9 +9,9 @@ use crate::develop::{PHOTOGRAPH_RECORD, REQUEST_FILE};
 use crate::made::{DEPTH_RECORDS, Digests, Files, Made, depth_records};
 use crate::run::{Control, ControlState, Counts, Run, Scope, Snapshot, keys};
 use crate::store::Store;
+use glasshouse_line::Roots;
+use glasshouse_line::layer::Layer;
 use rayon::prelude::*;
-use render::layer::Layer;
-use render::line::Roots;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 

@@ -81,7 +81,7 @@ kinds! {
 
 /// Schemas of JSON and TOML files, with the kinds of the files.
 const SCHEMAS: &[(&str, Kind)] = &[
-    (render::line::SCENE_SCHEMA, Kind::Scene),
+    (glasshouse_line::SCENE_SCHEMA, Kind::Scene),
     (plan::RECIPE_SCHEMA, Kind::Recipe),
     (plan::PHOTOGRAPH_SCHEMA, Kind::PhotographList),
     (plan::DEPTH_RANGES_SCHEMA, Kind::DepthRanges),

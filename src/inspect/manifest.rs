@@ -4,7 +4,7 @@ use super::digests::hold_file;
 use super::facts::{Inspection, Problem};
 use super::input::Input;
 use super::kind::Kind;
-use render::line::{ManifestError, SceneLine, Side, Split, parse_jsonl, parse_scene};
+use glasshouse_line::{ManifestError, SceneLine, Side, Split, parse_jsonl, parse_scene};
 use render::shard::Spec;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;

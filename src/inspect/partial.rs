@@ -6,7 +6,7 @@ use super::input::Input;
 use super::kind::Kind;
 use super::record::tell;
 use crate::run::keys;
-use render::layer::Layer;
+use glasshouse_line::layer::Layer;
 use render::partial::{PARTIAL_SCHEMA, PartialHeader, decode};
 use render::trace::TRACER_VERSION;
 use serde_json::json;

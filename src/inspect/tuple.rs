@@ -8,8 +8,8 @@ use super::kind::Kind;
 use super::record::{tell, typed};
 use crate::plot::number;
 use crate::text::many;
+use glasshouse_line::SceneLine;
 use render::formats::decode_exr_channels;
-use render::line::SceneLine;
 use render::merge::{
     TUPLE_SCHEMA_1, TupleRecord, decode_tuple_exr, decode_tuple_labels, light_notes, tuple_files,
 };

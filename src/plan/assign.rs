@@ -7,8 +7,8 @@ use super::pair::{Pair, pairs, pairs_between};
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use super::split::split_photographs;
-use render::ids::SceneId;
-use render::line::{SceneLine, Split};
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::{SceneLine, Split};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Photographs by split and source, for the sources that have pairs.

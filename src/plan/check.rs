@@ -4,11 +4,11 @@
 //! finds errors in the pixels when it loads the scene, and then quarantines the scene.
 
 use super::inputs::{InputFiles, StoreUnavailable};
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::{Photograph, Roots, SceneLine, Side, Smudges, is_url};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use render::formats::{NamedBytes, PictureSize};
-use render::ids::SceneId;
 use render::input_file::{InputFile, MAX_FILE_BYTES};
-use render::line::{Photograph, Roots, SceneLine, Side, Smudges, is_url};
 use render::scene::{
     AssembleError, END_BYTES, FileEnds, FileRole, Look, OddView, OtherAspect, PhotographSizes,
     START_BYTES, check_turned, depth_remarks, look, look_at_whole,

@@ -17,7 +17,7 @@ use super::recipe_error::RecipeError;
 use super::request::{DraftError, Progress, Request};
 use super::rooting::root_paths;
 use super::source::{Layout, Source};
-use render::line::{Roots, SceneLine, is_url, parse_jsonl};
+use glasshouse_line::{Roots, SceneLine, is_url, parse_jsonl};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

@@ -4,10 +4,10 @@
 //! read, and most of them only at their ends.
 
 use super::diode::SourceImage;
+use glasshouse_line::is_url;
 use rayon::iter::{IntoParallelIterator, IntoParallelRefIterator, ParallelIterator};
 use render::file_tree::FileId;
 use render::input_file::InputFile;
-use render::line::is_url;
 use std::collections::BTreeMap;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Component, Path, PathBuf};

@@ -1,7 +1,7 @@
 //! Estimates the cost of a run: bytes on disk and core time.
 
-use render::ids::SceneId;
-use render::line::{ExrPrecision, SceneLine};
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::{ExrPrecision, SceneLine};
 use render::shard::{SECONDS_PER_SAMPLE, ShardLayout};
 use serde::Serialize;
 

@@ -6,8 +6,8 @@ use super::light::DrawnLight;
 use super::procedural_inputs::cover_path;
 use super::recipe_error::CoverError;
 use super::sections::half_view;
+use glasshouse_line::{Card, Outline, SceneLine, Transfer};
 use procedural::{CAMERA_ROW, CoverKind};
-use render::line::{Card, Outline, SceneLine, Transfer};
 use render::trace::Slab;
 
 /// Least cosine between the pane's normal and the direction to a corner of a card, with which the card may stand behind the pane.

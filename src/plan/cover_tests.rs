@@ -7,7 +7,7 @@ use super::procedural_inputs::{ProceduralInput, covers};
 use super::recipe::Recipe;
 use super::recipe::tests::PAPER;
 use super::split::tests::set;
-use render::line::{Card, SceneLine, Split};
+use glasshouse_line::{Card, SceneLine, Split};
 use std::collections::{BTreeMap, BTreeSet};
 
 fn sources() -> BTreeMap<String, Vec<SourceImage>> {
@@ -69,7 +69,7 @@ fn covers_have_their_shares_and_change_no_other_draw() {
 #[test]
 fn lines_with_covers_are_pinned() {
     let all = "[cover]\nphotographer = 1\nblind = 1\ncurtain = 1\nplant = 1\nframe = 1";
-    let text = render::line::to_jsonl(&lines(all)[..4]);
+    let text = glasshouse_line::to_jsonl(&lines(all)[..4]);
     // A new value here means that recipes with covers yield other manifests.
     assert_eq!(&blake3::hash(text.as_bytes()).to_hex()[..16], "f3ea5cfb0ecd3e65");
 }

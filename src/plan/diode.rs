@@ -5,9 +5,9 @@
 //! ```
 
 use super::list::ListError as PhotographListError;
+use glasshouse_line::{DepthRange, Side};
 use procedural::Place;
 use render::file_tree::{ListError, Visits, file_tree};
-use render::line::{DepthRange, Side};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::path::{Path, PathBuf};

@@ -5,8 +5,8 @@ use super::content::{self, Content, Draft};
 use super::draw_scenes::RejectedScene;
 use super::procedural_inputs::ProceduralInput;
 use super::request::{DraftError, Progress, Request};
-use render::ids::SceneId;
-use render::line::{Roots, SceneLine};
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::{Roots, SceneLine};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

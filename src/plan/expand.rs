@@ -12,7 +12,7 @@ use super::recipe_error::{RecipeError, RefusedDraw};
 use super::sections::{camera, film, illuminants_k, light, side};
 use super::source::Layout;
 use super::source_values::source_values;
-use render::line::{Apex, Focus, SCENE_SCHEMA, SceneLine, Side};
+use glasshouse_line::{Apex, Focus, SCENE_SCHEMA, SceneLine, Side};
 use render::scene::check_geometry;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -189,8 +189,8 @@ mod tests {
     use super::super::recipe::tests::PAPER;
     use super::super::split::tests::set;
     use super::*;
+    use glasshouse_line::{Side, Split, parse_jsonl, to_jsonl};
     use proptest::prelude::*;
-    use render::line::{Side, Split, parse_jsonl, to_jsonl};
     use std::collections::BTreeSet;
 
     fn two_sources(indoors: usize, outdoor: usize) -> BTreeMap<String, Vec<SourceImage>> {

@@ -7,13 +7,13 @@ use super::copies::{Copies, copies};
 use super::diode::{FolderError, Index, IndexError, SourceImage};
 use super::inputs::{InputFiles, StoreUnavailable, list_objects};
 use super::source::Source;
+use glasshouse_line::{
+    DepthKind, Fill, Intrinsics, Orientation, Photograph, Sketch, Transfer, is_url,
+};
 use procedural::Place;
 use render::file_tree::{FileId, FileTree, ListError, Visits, file_tree};
 use render::formats::{NamedBytes, PictureSize};
 use render::input_file::InputFile;
-use render::line::{
-    DepthKind, Fill, Intrinsics, Orientation, Photograph, Sketch, Transfer, is_url,
-};
 use render::scene::{FileEnds, FileRole, Look, look, look_at_whole};
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Read};

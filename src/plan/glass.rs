@@ -4,7 +4,7 @@ use super::choice::Choice;
 use super::draw::Draw;
 use super::glazing::{GlazingRecipe, named};
 use super::param::Param;
-use render::line::{Glass, GlassLayer, Outline, Roughness, SmudgePattern, Smudges, Wave};
+use glasshouse_line::{Glass, GlassLayer, Outline, Roughness, SmudgePattern, Smudges, Wave};
 use schemars::JsonSchema;
 use serde::Deserialize;
 

@@ -6,7 +6,7 @@ use super::glazing::named;
 use super::param::Param;
 use super::recipe_check::bad;
 use super::recipe_error::RecipeError;
-use render::line::{MAX_WAVE_SLOPE, Wave};
+use glasshouse_line::{MAX_WAVE_SLOPE, Wave};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 

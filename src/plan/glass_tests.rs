@@ -3,7 +3,7 @@
 use super::draw::Draw;
 use super::recipe::Recipe;
 use super::recipe::tests::PAPER;
-use render::line::{Glass, Roughness, SmudgePattern};
+use glasshouse_line::{Glass, Roughness, SmudgePattern};
 use std::collections::BTreeMap;
 
 /// Draws the panes of a number of scenes from the paper's recipe with other keys of the pane's make.

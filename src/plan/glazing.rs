@@ -1,7 +1,7 @@
 //! Named glazings, `glazings.toml`: layers and coatings of common windows, with a source for each number.
 
 use super::choice::{Choice, is_key};
-use render::line::{FaceCoating, GlassLayer, Roughness};
+use glasshouse_line::{FaceCoating, GlassLayer, Roughness};
 use serde::Deserialize;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
 use std::collections::BTreeMap;

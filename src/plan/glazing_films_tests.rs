@@ -11,7 +11,7 @@
 //! and the shares are |r|^2 and |t|^2 eta_last / eta_first (Macleod, *Thin-Film Optical Filters*), their means over s and p.
 
 use super::glazing::glazings;
-use render::line::Shares;
+use glasshouse_line::Shares;
 use std::ops::{Add, Div, Mul, Sub};
 
 /// A complex number.

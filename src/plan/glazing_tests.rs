@@ -5,7 +5,7 @@ use super::glazing::{Glazing, glazings};
 use super::recipe::Recipe;
 use super::recipe::tests::PAPER;
 use super::split::tests::set;
-use render::line::GlassLayer;
+use glasshouse_line::GlassLayer;
 use render::scene::coating_of;
 use render::trace::{Stack, StackLayer};
 use std::collections::BTreeSet;

@@ -4,7 +4,7 @@ use render::file_tree::is_resource;
 use std::io;
 use std::path::Path;
 
-/// Access to input files by path or URL (see [`render::line::is_url`]).
+/// Access to input files by path or URL (see [`glasshouse_line::is_url`]).
 pub trait InputFiles: Sync {
     /// Reads a whole file or object.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>>;

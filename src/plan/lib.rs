@@ -1,4 +1,4 @@
-//! Planning: turns a recipe (distributions) into scene lines (`render::line`), one resolved scene per line.
+//! Planning: turns a recipe (distributions) into scene lines (`glasshouse_line`), one resolved scene per line.
 //!
 //! ```text
 //! recipe, source, param, choice, focus, glass, light, train_recipe, training   the TOML file

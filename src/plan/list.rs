@@ -5,8 +5,8 @@
 
 use super::diode::{Index, IndexError, SourceImage};
 use super::param::PARAMETERS;
+use glasshouse_line::{Side, is_url, validate_side};
 use procedural::Place;
-use render::line::{Side, is_url, validate_side};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::io;

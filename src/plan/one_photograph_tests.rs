@@ -1,8 +1,8 @@
 //! Plans of folders in which photographs have several names: no split and no scene has a photograph twice.
 
 use super::*;
+use glasshouse_line::{Roots, SceneLine, Side};
 use render::atomic_file::{create_dir, write_relaxed};
-use render::line::{Roots, SceneLine, Side};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::fs;
@@ -29,7 +29,7 @@ fn depth(path: &Path) {
     let values = vec![3.0; 1200];
     write(
         path,
-        &render::formats::encode_npy(&[30, 40], &values, render::line::ExrPrecision::Float),
+        &render::formats::encode_npy(&[30, 40], &values, glasshouse_line::ExrPrecision::Float),
     );
 }
 

@@ -2,7 +2,7 @@
 
 use super::choice::{Choice, is_key};
 use super::draw::normal_cdf;
-use render::line::limits::Limit;
+use glasshouse_line::limits::Limit;
 use schemars::JsonSchema;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};

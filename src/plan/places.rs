@@ -8,9 +8,9 @@
 //! A table lists the categories and their depth ranges.
 
 use super::diode::{FolderError, Index, IndexError, SourceImage};
+use glasshouse_line::DepthRange;
 use procedural::Place;
 use render::file_tree::{FileTree, Visits, file_tree};
-use render::line::DepthRange;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -54,7 +54,7 @@ pub enum DepthRangesError {
     #[error("it names no category: add [category.NAME] with place, range and why")]
     Empty,
     #[error("{0}")]
-    Range(#[from] render::line::LineError),
+    Range(#[from] glasshouse_line::LineError),
 }
 
 impl DepthRanges {

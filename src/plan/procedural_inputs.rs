@@ -3,10 +3,10 @@
 use super::draw::keyed;
 use super::recipe::Recipe;
 use super::request::Request;
+use glasshouse_line::Split;
 use procedural::{CoverKind, SampleError, SamplePhotograph};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use render::atomic_file;
-use render::line::Split;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};

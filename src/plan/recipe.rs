@@ -10,7 +10,7 @@ use super::recipe_error::RecipeError;
 use super::sensor::SensorRecipe;
 use super::source::{Layout, Source};
 use super::train_recipe::Trainings;
-use render::line::{Apex, ExrPrecision, Film, Filter, LayerSet, ReflectionOrders, Roots, Split};
+use glasshouse_line::{Apex, ExrPrecision, Film, Filter, LayerSet, ReflectionOrders, Roots, Split};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -295,7 +295,7 @@ pub(super) mod tests {
     use super::super::glass::{OutlineRecipe, SmudgeRecipe, WaveRecipe};
     use super::super::sensor::ExposureRecipe;
     use super::*;
-    use render::line::{DepthKind, Intrinsics};
+    use glasshouse_line::{DepthKind, Intrinsics};
 
     /// Recipe of the paper's data set.
     pub(in super::super) const PAPER: &str = r#"

@@ -9,9 +9,9 @@ use super::recipe_error::RecipeError;
 use super::source::Layout;
 use super::train_recipe::TrainRecipe;
 use super::training::{FeatureSource, NetworkKind, ScheduleKind};
-use render::ids::SceneId;
-use render::layer::Layer;
-use render::line::{is_root_name, limits::limit_of};
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::layer::Layer;
+use glasshouse_line::{is_root_name, limits::limit_of};
 use std::collections::BTreeMap;
 
 /// Largest number of pairs in a split: ids have six digits.

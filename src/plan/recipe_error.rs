@@ -1,7 +1,7 @@
 //! Errors of a recipe, or of a recipe with its photographs.
 
-use render::ids::SceneId;
-use render::line::{LineError, Split};
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::{LineError, Split};
 use render::scene::GeometryError;
 
 /// Error of a recipe, or of its expansion with photographs.

@@ -4,7 +4,7 @@ use super::check::{InvalidInput, invalid_text};
 use super::diode::IndexError;
 use super::inputs::{InputFiles, StoreUnavailable};
 use super::recipe_error::RecipeError;
-use render::line::{ManifestError, RootError, Roots, SceneLine};
+use glasshouse_line::{ManifestError, RootError, Roots, SceneLine};
 use std::collections::BTreeSet;
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
 //! Puts the files of a manifest below named roots, so that lines, tuples and data sets contain no folder of the machine.
 
-use render::line::{SceneLine, is_url};
+use glasshouse_line::{SceneLine, is_url};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
@@ -55,7 +55,7 @@ pub(super) fn root_paths(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use render::line::{Side, parse_scene};
+    use glasshouse_line::{Side, parse_scene};
 
     fn line(front: [&str; 2], back: &str) -> SceneLine {
         let camera = r#""intrinsics":{"fx":1,"fy":1,"cx":0,"cy":0}"#;

@@ -8,7 +8,7 @@ use super::list;
 use super::param::Param;
 use super::recipe::Recipe;
 use super::source::Source;
-use render::line::{Camera, DepthKind, Film, Focus, FocusAt, Photograph, Side};
+use glasshouse_line::{Camera, DepthKind, Film, Focus, FocusAt, Photograph, Side};
 
 pub(super) fn film(recipe: &Recipe, draw: Draw<'_>) -> Film {
     let film = &recipe.film;

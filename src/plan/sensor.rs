@@ -6,7 +6,7 @@ use super::one_of::OneOf;
 use super::param::{Normal, Param};
 use super::sensor_model::{SensorModel, sensor_models};
 use compose::{matrix_inverse, tukey_deviation};
-use render::line::{Mosaic, Sensor, SensorExposure, Subsampling, Tone};
+use glasshouse_line::{Mosaic, Sensor, SensorExposure, Subsampling, Tone};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, de};
 

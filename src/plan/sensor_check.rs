@@ -4,7 +4,7 @@ use super::recipe_check::bad;
 use super::recipe_error::RecipeError;
 use super::sensor::SensorRecipe;
 use super::sensor_model::{NoiseModel, SensorModel};
-use render::line::limits::limit_of;
+use glasshouse_line::limits::limit_of;
 
 impl SensorRecipe {
     pub(super) fn check(&self) -> Result<(), RecipeError> {

@@ -5,7 +5,7 @@ use super::param::Param;
 use super::recipe_check::{bad, within};
 use super::recipe_error::RecipeError;
 use super::sensor::SensorRecipe;
-use render::line::Sensor;
+use glasshouse_line::Sensor;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 

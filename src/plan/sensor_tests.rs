@@ -7,7 +7,7 @@ use super::recipe::tests::PAPER;
 use super::sensor::SensorRecipe;
 use super::sensor_model::sensor_models;
 use super::split::tests::set;
-use render::line::{Mosaic, Sensor, SensorExposure, Subsampling, Tone};
+use glasshouse_line::{Mosaic, Sensor, SensorExposure, Subsampling, Tone};
 use std::collections::BTreeMap;
 
 fn drawn(recipe: &SensorRecipe, number: usize) -> Sensor {
@@ -87,7 +87,7 @@ fn scenes_without_a_sensor_keep_their_lines_and_others_gain_one() {
         assert!(plain.sensor.is_none());
         let text = serde_json::to_string(&with.sensor).unwrap();
         assert_eq!(serde_json::from_str::<Option<Sensor>>(&text).unwrap(), with.sensor);
-        let without = render::line::SceneLine { sensor: None, ..with.clone() };
+        let without = glasshouse_line::SceneLine { sensor: None, ..with.clone() };
         assert_eq!(*plain, without);
         assert!(with.sensor.as_ref().unwrap().raw);
     }

@@ -2,7 +2,7 @@
 
 use super::draw::Draw;
 use super::param::Param;
-use render::line::{CAMERA_HEIGHT_M, HORIZON, Sketch};
+use glasshouse_line::{CAMERA_HEIGHT_M, HORIZON, Sketch};
 use schemars::JsonSchema;
 use serde::Deserialize;
 

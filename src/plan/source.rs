@@ -1,10 +1,10 @@
 //! `[sources.NAME]` of a recipe: a set of photographs.
 
 use super::sketch::SketchRecipe;
-use procedural::Place;
-use render::line::{
+use glasshouse_line::{
     DepthKind, DepthRange, Fill, Highlights, Intrinsics, Orientation, Transfer, one,
 };
+use procedural::Place;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::fmt;

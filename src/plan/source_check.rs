@@ -4,7 +4,7 @@ use super::param::Param;
 use super::recipe_check::{bad, within};
 use super::recipe_error::RecipeError;
 use super::source::{Layout, Source};
-use render::line::{DepthKind, Fill, Intrinsics, Orientation, Transfer};
+use glasshouse_line::{DepthKind, Fill, Intrinsics, Orientation, Transfer};
 
 /// Largest number of procedural photographs of a source: the largest number of pairs in a split.
 const MAX_SAMPLES: u32 = 1_000_000;

@@ -6,8 +6,8 @@ use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use super::sections::half_view;
-use render::ids::SceneId;
-use render::line::{Film, Photograph, Side};
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::{Film, Photograph, Side};
 use std::collections::BTreeMap;
 
 /// Finds the values of all `"from_source"` parameters: `back.*` in the back's record, others in the front's. If

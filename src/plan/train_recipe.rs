@@ -2,7 +2,7 @@
 
 use super::preset::Preset;
 use super::training::TrainSettings;
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Error, MapAccess, SeqAccess, Visitor, value};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};

@@ -1,6 +1,6 @@
 //! Symbols and colours of layers, and a number format.
 
-use render::layer::PerLayer;
+use glasshouse_line::layer::PerLayer;
 
 /// Symbols of the layers in the paper; R~ has a combining tilde.
 pub(crate) const PAPER_SYMBOLS: PerLayer<&str> = PerLayer(["I", "T", "R\u{303}", "R"]);

@@ -1,7 +1,7 @@
 //! The capture camera: intrinsics as in DIODE or for PLACES365, and a pose.
 
 use glam::Vec3;
-use render::line::Intrinsics;
+use glasshouse_line::Intrinsics;
 
 /// Returns DIODE's intrinsics, scaled from 1024 x 768 px to this size.
 pub fn intrinsics(width: u32, height: u32) -> Intrinsics {

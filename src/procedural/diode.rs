@@ -2,11 +2,11 @@
 
 use super::listing::SamplePhotograph;
 use super::render::{Rgbd, render};
+use glasshouse_line::ExrPrecision;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use render::atomic_file::{self, WriteError};
 use render::formats::encode_npy;
-use render::line::ExrPrecision;
 use std::path::{Path, PathBuf};
 
 /// Reason why a procedural photograph cannot be encoded or written.

@@ -1,6 +1,6 @@
 //! Random numbers of procedural photographs: integer hashes of a key and a counter.
 
-pub(super) use render::hash::splitmix64 as mix;
+pub(super) use glasshouse_line::hash::splitmix64 as mix;
 
 /// Hashes a lattice point, for textures and holes.
 pub(super) fn lattice(x: i32, y: i32, z: i32) -> u32 {

@@ -13,8 +13,8 @@ use super::tiles::{Hit, Tiles};
 use super::tone::Tone;
 use super::{outdoors, room};
 use glam::{Vec2, Vec3};
+use glasshouse_line::Intrinsics;
 use rayon::prelude::*;
-use render::line::Intrinsics;
 
 /// A photograph with depth, row by row from the top left corner.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,9 +3,9 @@
 //! Pixels do not depend on their tile, and paths, misses and samples are whole numbers. Bands therefore join, in any
 //! order, to the same bits as a shard traced in one piece.
 
-use crate::label::LabelImages;
-use crate::layer::{Layer, PerLayer};
 use crate::trace::{CELL_PX, PixelMeans, Tile, TileResult};
+use glasshouse_line::label::LabelImages;
+use glasshouse_line::layer::{Layer, PerLayer};
 use std::sync::Mutex;
 
 /// Largest height of a band, px: one row of an adaptive scene's cells, so small that threads wait little at the end.

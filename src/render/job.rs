@@ -1,14 +1,14 @@
 //! Traces a loaded scene shard by shard.
 
 use crate::bands::{BandedShard, bands};
-use crate::label::Label;
-use crate::layer::Layer;
-use crate::line::SceneLine;
 use crate::partial::{Maker, PARTIAL_SCHEMA, Partial, PartialHeader};
 use crate::scene::LoadedScene;
 use crate::shard::{Shard, ShardLayout, scene_digest};
 use crate::threads::on_threads;
 use crate::trace::{Isa, TRACER_VERSION, TileResult, trace_tile};
+use glasshouse_line::SceneLine;
+use glasshouse_line::label::Label;
+use glasshouse_line::layer::Layer;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 

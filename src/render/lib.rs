@@ -1,8 +1,8 @@
 //! Renders a scene line and its files to up to four images, from the decoding of photographs to the writing of tuples.
 //!
 //! ```text
-//! line -> formats -> scene -> trace -> shard, partial -> merge        job, Loaded: all steps for one scene, in memory
-//! (JSON)  (files)    (sheets) (rays)   (units of work)   (tuples)     layer, color, hash: used by several steps
+//! formats -> scene -> trace -> shard, partial -> merge        job, Loaded: all steps for one scene, in memory
+//! (files)    (sheets) (rays)   (units of work)   (tuples)     a scene line: the crate glasshouse_line
 //! ```
 //!
 //! Uses no clock, environment variable, asynchronous runtime or command line: a pixel depends only on the line and the
@@ -10,19 +10,12 @@
 
 pub mod atomic_file;
 mod bands;
-pub mod color;
-pub mod curve;
 pub mod disk;
 pub mod file_tree;
 pub mod folder_lock;
 pub mod formats;
-pub mod hash;
-pub mod ids;
 pub mod input_file;
 pub mod job;
-pub mod label;
-pub mod layer;
-pub mod line;
 mod loaded;
 pub mod merge;
 pub mod partial;

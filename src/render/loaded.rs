@@ -1,12 +1,12 @@
 //! Renders a scene line to pixels, for callers that hold the whole scene in memory.
 
 use crate::job::{SceneJob, render_partials};
-use crate::layer::PerLayer;
-use crate::line::{LayerSet, Roots, SceneLine};
 use crate::merge::{MergeError, Tuple, combine};
 use crate::scene::{LoadError, LoadedScene, SceneFiles, load, read_files};
 use crate::shard::ShardLayout;
 use crate::trace::Isa;
+use glasshouse_line::layer::PerLayer;
+use glasshouse_line::{LayerSet, Roots, SceneLine};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -19,8 +19,8 @@ const TILE_PX: u32 = 64;
 /// ```
 /// use render::Loaded;
 /// use render::formats::{NamedBytes, PhotographFiles};
-/// use render::layer::{Layer, PerLayer};
-/// use render::line::{LayerSet, parse_scene};
+/// use glasshouse_line::layer::{Layer, PerLayer};
+/// use glasshouse_line::{LayerSet, parse_scene};
 /// use render::scene::{SceneFiles, SideFiles};
 ///
 /// // A grey wall, 2 m away, on both sides of the pane: PFM files of 2 x 2 px.
@@ -119,9 +119,9 @@ impl Loaded {
 mod tests {
     use super::*;
     use crate::formats::{NamedBytes, PanoramaFiles};
-    use crate::layer::Layer;
-    use crate::line::parse_scene;
     use crate::scene::SideFiles;
+    use glasshouse_line::layer::Layer;
+    use glasshouse_line::parse_scene;
 
     /// Returns a striped panorama of 8 x 4 px.
     fn stripes() -> SideFiles {

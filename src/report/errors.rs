@@ -4,8 +4,8 @@ use super::survey::{DoneScene, Survey};
 use super::text::{error, evenly, exact, quantile, table};
 use crate::plot::{Axis, LAYER_COLOURS, Panel, Stroke, legend, number, plot};
 use crate::run::Run;
+use glasshouse_line::layer::Layer;
 use maud::{Markup, html};
-use render::layer::Layer;
 use std::collections::BTreeMap;
 
 /// Size of a plot and the ends of its axes, px.

@@ -5,8 +5,8 @@ use super::text::table;
 use crate::plot::number;
 use crate::run::Run;
 use crate::text::grouped;
+use glasshouse_line::{SceneLine, Split};
 use maud::{Markup, html};
-use render::line::{SceneLine, Split};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Draws the section: facts, digests and seeds, splits and sources.

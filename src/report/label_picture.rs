@@ -3,11 +3,11 @@
 use super::picture::{img, shrunk};
 use super::sheet::{GAIN, THUMBNAIL_PX, figure};
 use crate::plot::number;
+use glasshouse_line::SceneLine;
+use glasshouse_line::color::SrgbEncoder;
+use glasshouse_line::label::{Label, LabelImages};
 use image::RgbImage;
 use maud::{Markup, html};
-use render::color::SrgbEncoder;
-use render::label::{Label, LabelImages};
-use render::line::SceneLine;
 
 /// Draws the labels of a tuple.
 pub(super) fn figures(

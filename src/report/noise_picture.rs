@@ -1,9 +1,9 @@
 //! Draws noise maps and their colour scale.
 
 use crate::plot::{Axis, PAPER_SYMBOLS, plot};
+use glasshouse_line::layer::Layer;
 use image::{Rgb, RgbImage, imageops};
 use maud::{Markup, html};
-use render::layer::Layer;
 use render::merge::NoiseMap;
 
 /// Errors at the ends of the colour scale, linear radiance. They are fixed, so that pages can be compared.
@@ -127,7 +127,7 @@ pub(super) fn scale() -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use render::layer::PerLayer;
+    use glasshouse_line::layer::PerLayer;
 
     #[test]
     fn colours_follow_the_error() {

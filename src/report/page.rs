@@ -12,10 +12,10 @@ use super::training::training;
 use crate::run::{Run, keys};
 use crate::store::{Store, StoreError};
 use crate::text::{cut, printable};
+use glasshouse_line::ids::SceneId;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use plan::read_rejected;
 use render::atomic_file::{self, WriteError};
-use render::ids::SceneId;
 use std::path::{Path, PathBuf};
 
 const STYLE: &str = concat!(include_str!("../serve/look.css"), include_str!("report.css"));

@@ -3,9 +3,9 @@
 use super::histogram::histogram;
 use super::text::table;
 use crate::text::cut;
+use glasshouse_line::{Focus, SceneLine};
 use maud::{Markup, html};
 use plan::RejectedScene;
-use render::line::{Focus, SceneLine};
 use std::collections::BTreeMap;
 
 /// Maximum length of a reason on the page, in characters.

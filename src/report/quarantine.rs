@@ -3,8 +3,8 @@
 use super::text::table;
 use crate::run::Quarantined;
 use crate::text::cut;
+use glasshouse_line::ids::SceneId;
 use maud::{Markup, html};
-use render::ids::SceneId;
 
 /// Maximum number of scenes in each list on the page.
 const SHOWN: usize = 200;

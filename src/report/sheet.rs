@@ -8,14 +8,14 @@ use super::text::{error, evenly};
 use crate::plot::{PAPER_SYMBOLS, number};
 use crate::run::{Run, keys};
 use crate::store::{Store, StoreError};
+use glasshouse_line::color::{SrgbEncoder, srgb_to_linear};
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::label::LabelSet;
+use glasshouse_line::layer::Layer;
+use glasshouse_line::{Glass, Roughness, SceneLine, Side, Sketch};
 use image::RgbImage;
 use maud::{Markup, html};
 use rayon::prelude::*;
-use render::color::{SrgbEncoder, srgb_to_linear};
-use render::ids::SceneId;
-use render::label::LabelSet;
-use render::layer::Layer;
-use render::line::{Glass, Roughness, SceneLine, Side, Sketch};
 use render::merge::{
     LayerRecord, NoiseMap, RAW, TupleRecord, decode_tuple_labels, photographed_layer, photographs,
 };

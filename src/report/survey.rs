@@ -2,9 +2,9 @@
 
 use crate::run::{Run, Scope, Snapshot, Status, WorkLog, keys, read_logs};
 use crate::store::{Store, StoreError};
-use render::ids::SceneId;
-use render::layer::Layer;
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::layer::Layer;
 use render::merge::{TupleRecord, tuple_files};
 use render::trace::TRACER_VERSION;
 use std::collections::BTreeSet;

@@ -18,7 +18,7 @@ use super::json_line;
 use super::keys;
 use super::task::Task;
 use crate::store::{Store, StoreError};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;

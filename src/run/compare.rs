@@ -167,7 +167,7 @@ fn walk(path: &str, a: &Value, b: &Value, found: &mut Vec<String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use render::color::SrgbEncoder;
+    use glasshouse_line::color::SrgbEncoder;
     use render::formats::encode_rgb_exr;
     use render::merge::encode_png;
 

@@ -3,7 +3,7 @@
 use super::keys;
 use super::open::Run;
 use crate::store::{Store, StoreError};
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
 use render::merge::{is_record_of, tuple_files};
 
 /// True if the store has all files of the scene's tuple, and the run's version of the tracer made them from this line.

@@ -1,8 +1,8 @@
 //! Errors of access to a run.
 
 use crate::store::StoreError;
+use glasshouse_line::{ManifestError, RootError};
 use render::atomic_file::WriteError;
-use render::line::{ManifestError, RootError};
 use std::io;
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! Events of a worker or coordinator.
 
 use super::control::ControlState;
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 
 /// An event, reported by a thread of a worker or coordinator.
 #[derive(Clone, Debug)]

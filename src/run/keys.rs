@@ -1,7 +1,7 @@
 //! Names of a run's objects: keys in an object store, paths below the run's folder.
 
-use render::ids::SceneId;
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
+use glasshouse_line::ids::SceneId;
 use render::merge::tuple_files;
 
 /// The run's spec. Planning writes it last, and it never changes.

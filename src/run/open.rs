@@ -3,8 +3,8 @@
 use super::error::RunError;
 use super::keys;
 use crate::store::Inputs;
+use glasshouse_line::{Roots, SceneLine, is_url, parse_jsonl};
 use render::folder_lock::FolderLock;
-use render::line::{Roots, SceneLine, is_url, parse_jsonl};
 use render::shard::{SPEC_SCHEMA, ShardLayout, Spec, manifest_digest};
 use render::trace::TRACER_VERSION;
 use std::io;

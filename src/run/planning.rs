@@ -4,6 +4,7 @@
 use super::error::RunError;
 use super::keys;
 use super::open::{Run, lock};
+use glasshouse_line::{Roots, SceneLine, to_jsonl};
 use plan::{
     DraftError, Drafted, InputFiles, ProceduralInput, Request, draft, invalid_text, make_inputs,
     rejected_lines,
@@ -11,7 +12,6 @@ use plan::{
 use procedural::SampleError;
 use render::atomic_file::{self, WriteError, is_temporary};
 use render::folder_lock::FolderLock;
-use render::line::{Roots, SceneLine, to_jsonl};
 use render::shard::{
     Golden, SPEC_SCHEMA, ShardLayout, Spec, SpecMismatch, TooManyShards, choose_tile_px, golden,
     manifest_digest,

@@ -19,7 +19,7 @@ use super::attempts::{WorkerName, attempts};
 use super::json_line;
 use super::keys;
 use crate::store::{Put, Store, StoreError};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use render::partial::{self, Maker, Partial};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;

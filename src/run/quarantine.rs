@@ -3,7 +3,7 @@
 use super::keys;
 use crate::store::{Store, StoreError};
 use crate::text::without_credentials;
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use serde::{Deserialize, Serialize};
 
 /// Schema of a [`QuarantineRecord`].

@@ -2,7 +2,7 @@
 
 use super::keys;
 use crate::store::{Store, StoreError};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use std::collections::BTreeSet;
 
 /// Scenes to try again.

@@ -3,7 +3,7 @@
 use super::{QuarantineRecord, keys};
 use crate::store::{Store, StoreError};
 use examples::{TupleFiles, TupleFilesError};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use std::collections::BTreeSet;
 
 impl TupleFiles for Store {

@@ -5,7 +5,7 @@ use super::json_line;
 use super::keys;
 use super::open::Run;
 use crate::store::{Store, StoreError};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Mutex;

@@ -1,6 +1,6 @@
 //! Actions on a run over HTTP, and the token that allows them.
 
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 
 /// Minimum length of a token. Failed attempts are not limited, so a token must not be guessable.
 pub const MIN_TOKEN_CHARACTERS: usize = 16;

@@ -3,7 +3,7 @@
 //! [`FarmView`] is plain data with ages in seconds. A [`FarmSource`] provides views; [`WatchedRun`] makes them from a
 //! coordinator's observations. [`serve`] answers requests with views. Only a request with the token can change a run:
 //! it makes the source carry out an [`Action`]. Names from a request reach a disk or a store only as a
-//! [`render::ids::SceneId`] and one of [`render::layer::Layer::NAMES`].
+//! [`glasshouse_line::ids::SceneId`] and one of [`glasshouse_line::layer::Layer::NAMES`].
 
 mod action;
 mod metrics;

@@ -7,8 +7,8 @@ use super::view::{FarmView, QuarantinedScene, RecentTuple, WorkerState, WorkerVi
 use crate::plot::PAPER_SYMBOLS;
 use crate::run::RunState;
 use crate::text::{cut, duration, grouped, percent, printable, rate};
+use glasshouse_line::layer::Layer;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use render::layer::Layer;
 
 /// Maximum number of workers on the page; the most urgent come first.
 const WORKERS_SHOWN: usize = 100;

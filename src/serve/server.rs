@@ -3,10 +3,10 @@
 use super::action::{Action, MIN_TOKEN_CHARACTERS, Token};
 use super::routes::router;
 use super::view::FarmView;
+use glasshouse_line::ids::SceneId;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use render::ids::SceneId;
 use std::net::{SocketAddr, TcpListener};
 use std::pin::pin;
 use std::sync::Arc;
@@ -36,7 +36,7 @@ pub trait FarmSource: Send + Sync {
     /// Returns the current state of the run. Each open page causes a call every two seconds, so a call must be cheap.
     fn view(&self) -> FarmView;
     /// Returns a small PNG of a layer of a scene's tuple (at most 256 px a side), if the tuple has it. `layer` is one
-    /// of [`render::layer::Layer::NAMES`]; the scene may not exist.
+    /// of [`glasshouse_line::layer::Layer::NAMES`]; the scene may not exist.
     fn thumbnail(&self, scene: &SceneId, layer: &str) -> Option<Vec<u8>>;
     /// Carries out an action; the server has already checked the request's token. The error is a message for the user.
     fn act(&self, action: Action) -> Result<(), String>;

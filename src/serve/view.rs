@@ -3,7 +3,7 @@
 //! Ages are seconds by the coordinator's monotonic clock, so that a worker's wrong clock does no harm.
 
 use crate::run::RunState;
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use serde::Serialize;
 
 /// Schema name of a view as JSON.
@@ -123,7 +123,7 @@ pub struct RecentTuple {
     pub worker: Option<String>,
     /// Largest share of paths that missed the photograph, among the layers, 0 to 1.
     pub miss_share: Option<f64>,
-    /// Names of the layers in the tuple, from [`render::layer::Layer::NAMES`].
+    /// Names of the layers in the tuple, from [`glasshouse_line::layer::Layer::NAMES`].
     pub layers: Vec<String>,
 }
 

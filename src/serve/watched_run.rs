@@ -8,7 +8,7 @@ use super::view::{
 use crate::farm::Watch;
 use crate::run::{ControlState, RetryScenes, Run, RunState, Snapshot, keys, retry, set_control};
 use crate::store::Store;
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::sync::{Arc, Mutex};
@@ -33,7 +33,7 @@ pub struct WatchedRun {
 impl WatchedRun {
     /// Creates the source of a run; [`crate::farm::coordinate()`] keeps `watch` up to date.
     pub fn new(run: &Run, store: &Store, watch: &Arc<Mutex<Watch>>, silence: Duration) -> Self {
-        let names = |line: &render::line::SceneLine| {
+        let names = |line: &glasshouse_line::SceneLine| {
             let names = line.film.layers.names();
             names.map(str::to_owned).collect()
         };

@@ -37,7 +37,7 @@ impl Inputs {
         Self { options, cache, buckets: Mutex::default() }
     }
 
-    /// Reads a file, or an object if `path` is a URL ([`render::line::is_url`]).
+    /// Reads a file, or an object if `path` is a URL ([`glasshouse_line::is_url`]).
     ///
     /// An absent object gives `NotFound`; other errors of a store contain a [`StoreError`].
     pub fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
@@ -105,7 +105,7 @@ impl Inputs {
 
 /// Splits a URL into the URL itself, its part up to the bucket, and its key. Returns `None` for a local path.
 fn parts(path: &Path) -> Option<(&str, &str, String)> {
-    let url = path.to_str().filter(|_| render::line::is_url(path))?;
+    let url = path.to_str().filter(|_| glasshouse_line::is_url(path))?;
     let start = url.find("://")? + 3;
     let end = url[start..].find('/').map_or(url.len(), |n| start + n);
     let names = url[end..].split('/');

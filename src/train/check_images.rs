@@ -9,8 +9,8 @@ use compose::{Unread, read_sized};
 use examples::Example;
 use examples::Picture;
 use examples::{Base, ExampleError, TupleSource};
+use glasshouse_line::Split;
 use plan::TrainSettings;
-use render::line::Split;
 use std::sync::Arc;
 
 /// Largest side of the pairs that choose the best checkpoint, px; larger ones are scaled down.

@@ -1,9 +1,9 @@
 //! Grids of pictures, for logs.
 
 use examples::Picture;
+use glasshouse_line::color::SrgbEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageEncoder, RgbImage, imageops};
-use render::color::SrgbEncoder;
 
 const GAP: u32 = 4;
 

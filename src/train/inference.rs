@@ -8,8 +8,8 @@ use candle_core::{Result, Tensor};
 use compose::shrink_to;
 use examples::Picture;
 use examples::Planes;
+use glasshouse_line::color::{decode_srgb, linear_to_srgb};
 use rayon::prelude::*;
-use render::color::{decode_srgb, linear_to_srgb};
 
 /// Least side of an image for VGG-19 with its four pools, px.
 pub const LEAST_PX: usize = 16;

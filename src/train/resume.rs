@@ -9,10 +9,10 @@ use super::session::Watcher;
 use super::vgg::Vgg;
 use compose::{Baselines, Pair};
 use examples::{ExampleSampler, digest_of, scenes_digest};
+use glasshouse_line::SceneLine;
 use plan::{FREE, NetworkKind, ScheduleKind, Stage, TrainSettings};
 use rayon::prelude::*;
 use render::folder_lock::FolderLock;
-use render::line::SceneLine;
 use std::path::Path;
 
 /// Settings of the architecture, which the separation stage inherits from the backtrack stage.

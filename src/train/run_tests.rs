@@ -2,8 +2,8 @@
 
 use super::*;
 use compose::Pair;
+use glasshouse_line::ids::SceneId;
 use image::RgbImage;
-use render::ids::SceneId;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -101,7 +101,7 @@ pub(super) fn training<'a>(
         steps,
         scenes: &[],
         tuples: Arc::new(NoTuples),
-        roots: render::line::Roots::default(),
+        roots: glasshouse_line::Roots::default(),
         inputs: Box::new(plan::LocalFiles),
         pairs: Some(pairs.to_vec()),
         from: None,

@@ -2,10 +2,10 @@
 
 use super::error::TrainError;
 use examples::TupleFiles;
+use glasshouse_line::SceneLine;
+use glasshouse_line::ids::SceneId;
 use rayon::prelude::*;
 use render::atomic_file;
-use render::ids::SceneId;
-use render::line::SceneLine;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

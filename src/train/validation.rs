@@ -4,8 +4,8 @@ use candle_core::{Error, Result};
 use compose::psnr_colour_db;
 use examples::Picture;
 use examples::bytes_of_planes;
+use glasshouse_line::color::srgb_to_linear;
 use plan::Stage;
-use render::color::srgb_to_linear;
 
 /// Largest PSNR of a picture in the mean, dB. It keeps the mean finite when pictures are equal.
 const MOST_DB: f64 = 100.0;

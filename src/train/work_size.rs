@@ -2,9 +2,9 @@
 //! photographs keep their detail.
 
 use examples::Picture;
+use glasshouse_line::color::{SrgbEncoder, srgb_to_linear};
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
-use render::color::{SrgbEncoder, srgb_to_linear};
 
 /// Sizes at which networks process a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

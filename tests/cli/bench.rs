@@ -4,7 +4,7 @@ use crate::support::outputs::read_json;
 use crate::support::program::{command, run_line, text, wait_until};
 use crate::support::scenes::{photographs, scene};
 use glasshouse::bench::{Ladder, Slope, Work, climb, own_reference, pair, slopes};
-use render::layer::Layer;
+use glasshouse_line::layer::Layer;
 use render::trace::Isa;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};

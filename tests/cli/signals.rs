@@ -4,7 +4,7 @@ use crate::support::outputs::{assert_same, assert_tidy, files, manifest, tuples}
 use crate::support::program::{Ended, command, run, run_on_full_disk, send, text, wait_until};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use glasshouse::run::Run;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use std::path::Path;
 
 fn stopped_by(signal: &str, code: i32) {

@@ -6,7 +6,7 @@ use crate::support::outputs::manifest;
 use crate::support::program::{run, text};
 use crate::support::scenes::{Place, SCENES, partials, place, put_partials};
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers, WritableImage, f16, read};
-use render::label::LabelImages;
+use glasshouse_line::label::LabelImages;
 use render::partial::{Maker, Partial};
 use serde_json::json;
 use std::path::Path;

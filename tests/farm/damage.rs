@@ -3,7 +3,7 @@
 use crate::support::outputs::{assert_same, assert_tidy, manifest, tuples};
 use crate::support::program::{run, text};
 use crate::support::scenes::{SCENES, SHARDS, partials, place, put_partials, reference};
-use render::label::LabelImages;
+use glasshouse_line::label::LabelImages;
 use render::partial::{Partial, decode, encode};
 use std::path::Path;
 

@@ -10,7 +10,7 @@ use async_nats::jetstream::{self, consumer::PullConsumer};
 use futures_util::StreamExt;
 use glasshouse::farm::queue::{Message, write_message};
 use glasshouse::run::{Run, Task};
-use render::line::Roots;
+use glasshouse_line::Roots;
 use std::time::{Duration, Instant};
 
 /// A client that may do to the run's stream what a worker may, and removes messages.

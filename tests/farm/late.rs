@@ -7,7 +7,7 @@ use glasshouse::farm::queue::{LocalQueue, Message, QueueKeeper};
 use glasshouse::farm::{SharedQueue, WorkOptions, work_shared};
 use glasshouse::run::{Event, Run, Stop, Task};
 use glasshouse::store::Store;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use render::trace::Isa;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};

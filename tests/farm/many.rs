@@ -10,7 +10,7 @@ use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use crate::support::tools::wait_for;
 use glasshouse::farm::queue::{Message, NatsWorker, Queue};
 use glasshouse::run::{Run, Task};
-use render::line::Roots;
+use glasshouse_line::Roots;
 use std::time::Duration;
 
 #[test]

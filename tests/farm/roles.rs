@@ -9,7 +9,7 @@ use crate::support::scenes::{Place, SCENES, SHARDS, place, reference};
 use async_nats::jetstream::consumer::PullConsumer;
 use futures_util::StreamExt;
 use glasshouse::run::Run;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use std::io::{BufRead, BufReader};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

@@ -4,7 +4,7 @@ use crate::serve_run::{HOSTILE, TOKEN, get, id, png, request, run, send, start, 
 use crate::support::markup::strictly;
 use glasshouse::run::RunState;
 use glasshouse::serve::{Action, FarmSource, QuarantinedScene, WorkerState, serve};
-use render::layer::Layer;
+use glasshouse_line::layer::Layer;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

@@ -6,8 +6,8 @@ use glasshouse::serve::{
     Action, Count, FARM_SCHEMA, FarmSource, FarmView, QuarantinedScene, QueueView, RecentTuple,
     Server, WorkerState, WorkerView, serve,
 };
-use render::ids::SceneId;
-use render::layer::Layer;
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::layer::Layer;
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};

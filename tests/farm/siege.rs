@@ -18,7 +18,7 @@ use glasshouse::farm::queue::{Message, NatsCoordinator, QueueKeeper};
 use glasshouse::run::keys::shard_of;
 use glasshouse::run::{Run, Task};
 use glasshouse::store::Store;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

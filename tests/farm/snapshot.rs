@@ -6,7 +6,7 @@ use glasshouse::run::{
     QuarantineRecord, RetryScenes, Run, RunState, SceneState, Scope, Snapshot, keys, retry,
 };
 use glasshouse::store::Store;
-use render::line::Roots;
+use glasshouse_line::Roots;
 
 #[test]
 fn scenes_change_their_state_with_the_objects_of_the_store() {

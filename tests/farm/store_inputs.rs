@@ -8,7 +8,7 @@ use glasshouse::farm::{FarmError, WorkOptions, work};
 use glasshouse::run::AccessError;
 use glasshouse::run::Run;
 use glasshouse::store::{Cache, Inputs, StoreError};
-use render::line::Roots;
+use glasshouse_line::Roots;
 use render::trace::Isa;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;

@@ -5,7 +5,7 @@ use crate::support::program::{run, run_on_full_disk, text};
 use crate::support::scenes::{SCENES, SHARDS, place, reference};
 use glasshouse::farm::{WorkOptions, work};
 use glasshouse::run::{Event, Run};
-use render::line::Roots;
+use glasshouse_line::Roots;
 use render::trace::Isa;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;

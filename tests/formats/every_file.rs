@@ -4,7 +4,7 @@ use crate::every_file_left as left;
 use crate::support::scenes::{npy, partials, photographs, put_partials, scene, write_lines};
 use crate::support::workplace::{run_in, workplace};
 use glasshouse::run::{AttemptRecord, EndKind, Ending};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;

@@ -10,7 +10,7 @@ pub(crate) fn of_an_export(files: &mut Files) {
     let tuple = files.folder.path().join("runs/smoke/tuples").join(SCENE);
     let mut shard = tar::Builder::new(Vec::new());
     for id in ["a", "b"] {
-        for layer in render::layer::Layer::NAMES {
+        for layer in glasshouse_line::layer::Layer::NAMES {
             let name = format!("{id}.{layer}.png");
             shard.append_path_with_name(tuple.join(format!("{layer}.png")), name).unwrap();
         }

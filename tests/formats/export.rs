@@ -4,9 +4,9 @@ use crate::support::outputs::{exr_channels, files, manifest, read_json, tuple_re
 use crate::support::program::{Ended, command, run, text};
 use crate::support::s3_server::{BUCKET, S3Server};
 use exr::prelude::{ReadChannels, ReadLayers};
-use render::color::linear_to_srgb16;
+use glasshouse_line::color::linear_to_srgb16;
+use glasshouse_line::layer::Layer;
 use render::formats::decode_exr_channels;
-use render::layer::Layer;
 use render::merge::{TupleRecord, decode_tuple_exr};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};

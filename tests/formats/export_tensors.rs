@@ -3,8 +3,8 @@
 use crate::export::{RECIPE, arguments, content, finished, ids};
 use crate::support::program::{run, text};
 use exr::prelude::f16;
+use glasshouse_line::layer::Layer;
 use render::formats::{ExrChannels, decode_exr_channels};
-use render::layer::Layer;
 use safetensors::{Dtype, SafeTensors};
 use serde_json::{Value, json};
 use std::path::Path;

@@ -33,7 +33,7 @@ fn luminance(colour: &str) -> f64 {
     let numbers = colour.trim_start_matches("rgb(").trim_end_matches(')');
     let linear: Vec<f64> = numbers
         .split(", ")
-        .map(|n| f64::from(render::color::srgb_to_linear(n.parse().unwrap())))
+        .map(|n| f64::from(glasshouse_line::color::srgb_to_linear(n.parse().unwrap())))
         .collect();
     0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 }

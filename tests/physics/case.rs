@@ -3,8 +3,8 @@
 use crate::cover::Covered;
 use crate::smudges::Smudged;
 use glam::{DMat3, DVec3};
-use render::label::LabelSet;
-use render::layer::PerLayer;
+use glasshouse_line::label::LabelSet;
+use glasshouse_line::layer::PerLayer;
 use render::trace::{
     Bow, FilmPlane, FilterTable, Grid, Isa, Lens, OrderPlan, PixelMeans, Pose, RoughPane,
     RoughShape, Sampling, Scene, Slab, SmearedPane, Stack, StackLayer, StackOptics, Texture, Tile,

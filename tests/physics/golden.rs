@@ -9,7 +9,7 @@
 //! cargo test --release --test physics golden -- --nocapture
 //! ```
 
-use render::layer::Layer;
+use glasshouse_line::layer::Layer;
 use render::shard::{golden_scenes, whole};
 use render::trace::{Isa, Scene, trace_tile};
 use std::fmt::Write;

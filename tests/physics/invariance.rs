@@ -5,7 +5,7 @@ use crate::cover::{noisy_card, small_window};
 use crate::mesh::rooms;
 use crate::panes::pane;
 use crate::stack::{coated_double_pane, double_pane};
-use render::layer::{Layer, PerLayer};
+use glasshouse_line::layer::{Layer, PerLayer};
 use render::trace::{Isa, PixelMeans, Scene, Tile, trace_tile};
 
 fn rough(key: u64) -> Photo {

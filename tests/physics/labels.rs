@@ -6,7 +6,7 @@ use crate::invariance::bits;
 use crate::reference::Reference;
 use crate::stack::double_pane;
 use glam::DVec3;
-use render::label::{Label, LabelSet};
+use glasshouse_line::label::{Label, LabelSet};
 use render::trace::{Isa, Order, PixelSeed, sample};
 
 fn all_labels() -> LabelSet {

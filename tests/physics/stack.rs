@@ -2,7 +2,7 @@
 
 use crate::case::{CLEAN, Case, GLASS, I, T, bumpy};
 use crate::furnace::assert_only_the_reflection_differs;
-use render::curve::Curve;
+use glasshouse_line::curve::Curve;
 use render::trace::{Coating, Stack, StackLayer};
 
 fn glass(thickness_m: f64, absorption_per_m: [f64; 3]) -> StackLayer {

@@ -296,8 +296,8 @@ fn one_row_or_column_matches_f64() {
 /// NaN, infinite, zero and negative depths in a plane do not change its image.
 #[test]
 fn holes_in_a_plane_leave_no_trace() {
+    use glasshouse_line::parse_scene;
     use render::formats::{NamedBytes, PhotographFiles};
-    use render::line::parse_scene;
     use render::scene::{assemble, decode_photograph};
     const WIDTH: usize = 9;
     const HEIGHT: usize = 7;

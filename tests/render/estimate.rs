@@ -1,8 +1,8 @@
 //! Compares the stated errors of tuples with their differences from a reference of 8,192 samples.
 
+use glasshouse_line::layer::Layer;
+use glasshouse_line::{Roots, parse_scene};
 use render::Loaded;
-use render::layer::Layer;
-use render::line::{Roots, parse_scene};
 use render::merge::Tuple;
 use render::trace::Isa;
 use std::path::Path;

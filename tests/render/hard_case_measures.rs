@@ -1,6 +1,6 @@
 //! Measures the layers of hard cases, and computes expected values that differ from pixel to pixel.
 
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
 use render::trace::FilmPlane;
 
 /// Number of steps per axis in the mean of a formula over a pixel.

@@ -3,8 +3,8 @@
 use crate::hard_case_measures::{Measured, at_most, checker, farthest, radius_px, ramp, red_sum};
 use crate::support::program::{run, text};
 use Expected::{AtMost, Checker, RadiusPx, Ramp, RedSum, SameAs, Value};
+use glasshouse_line::{SceneLine, parse_jsonl};
 use render::formats::decode_exr_channels;
-use render::line::{SceneLine, parse_jsonl};
 use std::collections::BTreeMap;
 use std::path::Path;
 

@@ -5,10 +5,10 @@ use crate::support::outputs::{Content, Tuples, assert_same, assert_tidy, tuple_r
 use crate::support::program::{command, run, text, wait_until};
 use crate::support::scenes::{Place, RECIPE, SCENES, SHARDS, place, put_partials, reference};
 use glasshouse::run::Run;
+use glasshouse_line::Roots;
+use glasshouse_line::label::Label;
+use glasshouse_line::layer::Layer;
 use render::job::{SceneJob, render_partials};
-use render::label::Label;
-use render::layer::Layer;
-use render::line::Roots;
 use render::merge::{decode_tuple_exr, decode_tuple_labels};
 use render::scene::{load, read_files};
 use render::trace::Isa;

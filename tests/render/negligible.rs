@@ -1,7 +1,7 @@
 //! Features of a pane around the movement of a line below which they are off.
 
 use crate::estimate::render_example;
-use render::layer::Layer;
+use glasshouse_line::layer::Layer;
 use render::merge::Tuple;
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! Compares a scene with reference images of 4,096 samples. Mitsuba 3 provided their camera, film, meshes, textures and
 //! ray casting; a separate script computed the glass.
 
-use render::line::{Roots, parse_scene};
+use glasshouse_line::{Roots, parse_scene};
 use render::merge::combine;
 use render::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
 use render::scene::{load, read_files};

@@ -3,8 +3,8 @@
 use crate::real_sets::{MOTORCYCLE_DEPTH, Photo, SETS, Set, find_sets, write_motorcycle_depth};
 use crate::support::program::{run, text};
 use exr::prelude::{ReadChannels, ReadLayers};
+use glasshouse_line::layer::Layer;
 use render::atomic_file;
-use render::layer::Layer;
 use render::merge::TupleRecord;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;

@@ -1,8 +1,8 @@
 //! Converts relative depths of public photographs to metres by the depth range of the line.
 
 use crate::real_sets::find_sets;
+use glasshouse_line::Photograph;
 use render::formats::{NamedBytes, PhotographFiles};
-use render::line::Photograph;
 use render::scene::{Sheet, decode_photograph};
 
 /// Decodes an estimate (larger values are nearer) and an uncalibrated disparity image (0 is unknown).

@@ -4,9 +4,9 @@
 
 use super::outputs::{exr_channels, files};
 use glasshouse::run::Run;
+use glasshouse_line::layer::Layer;
+use glasshouse_line::{Roots, SceneLine};
 use image::RgbImage;
-use render::layer::Layer;
-use render::line::{Roots, SceneLine};
 use render::merge::TupleRecord;
 use sha2::{Digest, Sha256};
 use std::ffi::{OsStr, OsString};

@@ -3,8 +3,8 @@
 use super::outputs::{Tuples, tuples};
 use super::program::{run, text};
 use glasshouse::run::Run;
+use glasshouse_line::Roots;
 use render::job::{SceneJob, render_partials};
-use render::line::Roots;
 use render::partial::Partial;
 use render::scene::{load, read_files};
 use render::trace::Isa;

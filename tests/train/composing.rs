@@ -5,10 +5,10 @@ use crate::support::program::run;
 use crate::training::{Place, place, small};
 use compose::{Composition, Exposure, Strength, TargetLight};
 use crossbeam::channel::{Sender, bounded};
-use glasshouse::{compose, plan, render, run::Run, store::Store};
+use glasshouse::{compose, plan, run::Run, store::Store};
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::{Roots, SceneLine, Split};
 use plan::{ExampleKind, TrainSettings};
-use render::ids::SceneId;
-use render::line::{Roots, SceneLine, Split};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use train::{

@@ -3,11 +3,11 @@
 
 use compose::encode_tuple;
 use glasshouse::{plan, render};
+use glasshouse_line::color::SrgbEncoder;
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::{Roots, SceneLine, Split};
 use plan::{LocalFiles, ProceduralInput, Recipe, Request, TrainSettings, make_inputs};
 use render::Loaded;
-use render::color::SrgbEncoder;
-use render::ids::SceneId;
-use render::line::{Roots, SceneLine, Split};
 use render::scene::read_files;
 use render::shard::scene_digest;
 use render::trace::Isa;

@@ -3,11 +3,11 @@
 use crate::bench::BenchError;
 use crate::run::{Run, keys};
 use compose::encode_tuple;
+use glasshouse_line::SceneLine;
+use glasshouse_line::color::SrgbEncoder;
 use rayon::prelude::*;
 use render::atomic_file::{create_dir, write_relaxed};
-use render::color::SrgbEncoder;
 use render::job::SceneJob;
-use render::line::SceneLine;
 use render::merge::combine;
 use render::partial;
 use render::scene::{load, read_files};

@@ -7,7 +7,7 @@ use super::server::Server;
 use super::setup::{Conditions, Setup, Watcher};
 use crate::run::{PlanOptions, Run, keys, plan_run};
 use crate::store::Inputs;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::Ordering;

@@ -10,7 +10,7 @@ use crate::bench::clock::median;
 use crate::bench::table::table;
 use crate::farm::queue::{NatsCoordinator, NatsOptions, QueueKeeper};
 use crate::run::Run;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use render::trace::Isa;
 use serde::Serialize;
 use std::fmt;

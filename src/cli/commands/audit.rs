@@ -12,8 +12,8 @@ use crate::run::{
 };
 use crate::store::Store;
 use clap::Args as ClapArgs;
-use render::ids::SceneId;
-use render::line::Roots;
+use glasshouse_line::Roots;
+use glasshouse_line::ids::SceneId;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};

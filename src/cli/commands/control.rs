@@ -6,7 +6,7 @@ use crate::cli::output::Output;
 use crate::cli::target;
 use crate::run::{ControlState, set_control};
 use clap::Args as ClapArgs;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::fmt;

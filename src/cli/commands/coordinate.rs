@@ -11,7 +11,7 @@ use crate::run::{Run, SILENT_LEASES, Scope, Snapshot, process_cpu_s};
 use crate::serve::{ServeError, WatchedRun, serve};
 use crate::store::Store;
 use clap::Args as ClapArgs;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::fmt;

@@ -14,7 +14,7 @@ use crate::run::{Run, RunError, keys};
 use crate::store::{Store, StoreOptions};
 use crate::text::many;
 use clap::Args as ClapArgs;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use render::shard::{Golden, Spec};
 use serde::Serialize;
 use std::fmt;

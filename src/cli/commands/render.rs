@@ -10,13 +10,13 @@ use crate::outputs::Outputs;
 use crate::run::Run;
 use clap::Args as ClapArgs;
 use compose::encode_tuple_image;
+use glasshouse_line::color::SrgbEncoder;
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::layer::Layer;
+use glasshouse_line::{Roots, SceneLine, parse_scene};
 use render::Loaded;
 use render::atomic_file;
-use render::color::SrgbEncoder;
 use render::formats::encode_rgb_exr;
-use render::ids::SceneId;
-use render::layer::Layer;
-use render::line::{Roots, SceneLine, parse_scene};
 use render::merge::{
     LabelRecord, LayerRecord, PhotographRecord, TUPLE_SCHEMA, TUPLE_SCHEMA_1, Tuple, TupleRecord,
     encode_png, light_notes, photographs,

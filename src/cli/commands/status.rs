@@ -12,7 +12,7 @@ use crate::run::{Run, RunState, Scope, Snapshot, Status};
 use crate::store::Store;
 use crate::text::printable;
 use clap::Args as ClapArgs;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use serde::Serialize;
 use std::fmt;
 use std::io::{IsTerminal, Write};

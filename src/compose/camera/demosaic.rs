@@ -2,7 +2,7 @@
 //!
 //! Malvar, He and Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images", ICASSP 2004.
 
-use render::line::Mosaic;
+use glasshouse_line::Mosaic;
 use render::trace::Isa;
 
 /// Photosites beyond each border, mirrored at its last photosite, so that their colours continue the pattern.

@@ -4,7 +4,7 @@ use super::matrix::scaled;
 use crate::blur::blurred;
 use crate::curve::Curve;
 use crate::resample::resample;
-use render::line::Sensor;
+use glasshouse_line::Sensor;
 
 /// The development of a sensor's values.
 #[derive(Clone, Debug)]

@@ -1,7 +1,7 @@
 //! `raw.dng`: the numbers of a sensor as a file that raw converters open (Adobe DNG 1.4).
 
 use super::matrix::{Matrix, inverse, product, scaled};
-use render::line::Sensor;
+use glasshouse_line::Sensor;
 use std::io::Cursor;
 use tiff::TiffResult;
 use tiff::encoder::{DirectoryEncoder, Rational, SRational, TiffEncoder, TiffKindStandard};
@@ -85,7 +85,7 @@ fn write_camera(tags: &mut Directory<'_, '_>, sensor: &Sensor) -> TiffResult<()>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use render::line::{Mosaic, SensorExposure};
+    use glasshouse_line::{Mosaic, SensorExposure};
 
     #[test]
     fn files_have_the_numbers_and_the_tags() {

@@ -10,7 +10,7 @@
 use super::philox::{RowWords, philox};
 use super::photons::Photons;
 use crate::quantiles::Quantiles;
-use render::line::Sensor;
+use glasshouse_line::Sensor;
 use render::trace::Isa;
 
 /// The last word of counters: of photosites, and of rows.

@@ -6,7 +6,7 @@ use super::exposing::{expose, raw_values};
 use super::matrix::{Matrix, inverse, scaled};
 use crate::blur::blurred;
 use crate::composition::brightest;
-use render::line::Sensor;
+use glasshouse_line::Sensor;
 use render::merge::metered_factor;
 use render::trace::Isa;
 

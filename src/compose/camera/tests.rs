@@ -1,7 +1,7 @@
 //! Photographs of flat fields and charts.
 
 use super::Shot;
-use render::line::{Mosaic, Sensor, SensorExposure, Tone};
+use glasshouse_line::{Mosaic, Sensor, SensorExposure, Tone};
 use render::trace::Isa;
 
 const SIZE: [usize; 2] = [512, 512];
@@ -261,7 +261,7 @@ fn golden_photographs_keep_their_bits() {
     let digest = |bytes: &[u8]| blake3::hash(bytes).to_hex()[..16].to_owned();
     let filmic = Tone::Filmic { exposure: 3.0 };
     let plain = Sensor { tone: filmic, raw: true, ..sensor() };
-    let half = Sensor { jpeg_subsampling: render::line::Subsampling::Half, ..rich() };
+    let half = Sensor { jpeg_subsampling: glasshouse_line::Subsampling::Half, ..rich() };
     for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
         let mut found = Vec::new();
         for sensor in [&half, &plain] {

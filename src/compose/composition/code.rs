@@ -1,7 +1,7 @@
 //! sRGB codes of stored values, as the networks of earlier versions saw them.
 
 use exr::prelude::f16;
-use render::color::linear_to_srgb;
+use glasshouse_line::color::linear_to_srgb;
 use std::sync::LazyLock;
 
 /// sRGB codes of all half floats from 0 to 1, indexed by their bits. Tuples store half floats.

@@ -4,7 +4,7 @@ use super::mixture::DrawnZhang;
 use super::settings::{Camera, Composition, Exposure, LogNormal, Strength, TargetLight};
 use super::texture::DrawnTexture;
 use crate::random::Stream;
-use render::line::Sensor;
+use glasshouse_line::Sensor;
 
 /// The numbers of one example.
 #[derive(Clone, Debug, PartialEq)]

@@ -417,7 +417,7 @@ fn bits_do_not_change() {
     assert_eq!(digest(TargetLight::ThroughPane, 0.0, [rendered, linear]), "4e6676990ff90ed6");
 }
 
-fn sensor(scale: f64) -> render::line::Sensor {
+fn sensor(scale: f64) -> glasshouse_line::Sensor {
     serde_json::from_str(&format!(
         r#"{{"exposure":{{"percentile":99,"level":0.9}},"blur_px":0.4,"gain_dn_per_e":2,"bits":12,"black_level_dn":64,
             "read_noise_dn":3,"read_noise_lambda":0.1,"row_noise_dn":0.5,"white_balance":[2,1,1.5],

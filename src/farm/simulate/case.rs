@@ -1,6 +1,6 @@
 //! A case to simulate: the work, the fleet, the rules and the faults.
 
-pub(super) use render::hash::splitmix64 as mix;
+pub(super) use glasshouse_line::hash::splitmix64 as mix;
 
 /// Scenes and their costs.
 #[derive(Clone, Debug, PartialEq)]

@@ -9,7 +9,7 @@ use crate::farm::tuples::write_tuple;
 use crate::run::{keys, other_workers};
 use crate::store::StoreError;
 use bytes::Bytes;
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
 use render::merge::encode_tuple_record_1;
 use render::partial;
 use std::path::PathBuf;

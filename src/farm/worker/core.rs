@@ -13,7 +13,7 @@ use crate::farm::tuples::remove_partials;
 use crate::run::{Event, QuarantineRecord, Run, forget, is_done, keys};
 use crate::store::Store;
 use crossbeam::deque::Injector;
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
 use render::partial::Maker;
 use render::scene::PhotographCache;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -3,7 +3,7 @@
 use crate::farm::fault::Fault;
 use crate::farm::queue::Queue;
 use crate::run::{Ending, StageSeconds, Stop, Task, WorkerName};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use render::trace::Isa;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};

@@ -10,7 +10,7 @@ use crate::run::{
     are_presumed, attempts, attempts_with_times, is_done, is_unreadable, keys, mark_lost,
     poison_check,
 };
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
 use std::time::{Duration, SystemTime};
 
 pub(super) enum Finding {

@@ -6,7 +6,7 @@ use super::core::Worker;
 use super::jobs::{Band, Loaded, Order};
 use crossbeam::channel::{Receiver, Sender, TryRecvError};
 use crossbeam::deque::{Steal, Stealer, Worker as Deque};
-use render::color::SrgbEncoder;
+use glasshouse_line::color::SrgbEncoder;
 use std::time::Duration;
 
 /// The state that all compute threads share.

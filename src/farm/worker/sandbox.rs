@@ -5,7 +5,7 @@ use super::options::{Sandbox, SandboxEnd};
 use super::tasks::TaskId;
 use crate::farm::FarmError;
 use crate::run::{AttemptRecord, Ending, Event, PoisonCheck, Task};
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
 
 impl Worker<'_> {
     pub(super) fn trace_in(

@@ -2,7 +2,7 @@
 
 use crate::farm::FarmError;
 use crate::run::{ControlFlag, Stop};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};

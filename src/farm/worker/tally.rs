@@ -3,7 +3,7 @@
 use super::costs::Costs;
 use super::options::Outcome;
 use crate::run::{SceneSeconds, StageSeconds, Stop};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 

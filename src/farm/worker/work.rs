@@ -21,8 +21,8 @@ use crate::run::{
 use crate::store::Store;
 use crossbeam::channel::bounded;
 use crossbeam::deque::{Injector, Worker as Deque};
-use render::color::SrgbEncoder;
-use render::ids::SceneId;
+use glasshouse_line::color::SrgbEncoder;
+use glasshouse_line::ids::SceneId;
 use render::scene::PhotographCache;
 use render::shard::golden_of;
 use render::trace::TRACER_VERSION;

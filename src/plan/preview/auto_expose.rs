@@ -6,7 +6,7 @@ use crate::draw::nine_digits;
 use crate::light::{
     LightRecipe, LuminanceScale, RejectRecipe, WhiteBalance, gains_against, luminance,
 };
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
 use render::scene::{AssembleError, Decoded, LoadError, SceneFiles, decode};
 use render::trace::{Isa, Texture};
 

@@ -2,8 +2,8 @@
 
 use crate::light::luminance;
 use compose::ssim_grey;
-use render::color::SrgbEncoder;
-use render::line::SceneLine;
+use glasshouse_line::SceneLine;
+use glasshouse_line::color::SrgbEncoder;
 use render::scene::{AssembleError, DecodedScene, assemble_decoded};
 use render::trace::{Isa, Tile, trace_tile};
 
@@ -43,7 +43,7 @@ impl Preview {
         small.film.height = side(line.film.height);
         small.film.spp = line.film.spp.min(PREVIEW_SPP);
         small.film.target_error = None;
-        small.film.layers = render::line::LayerSet::default();
+        small.film.layers = glasshouse_line::LayerSet::default();
         let (scene, _) = assemble_decoded(&small, scene.clone())?;
         let tile = Tile { x: 0, y: 0, width: small.film.width, height: small.film.height };
         let pixels = trace_tile(&scene, tile, 0..small.film.spp, isa).pixels;

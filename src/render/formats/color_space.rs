@@ -3,7 +3,7 @@
 //! White maps to white (relative colorimetry with Bradford's adaptation), as with ICC profiles. All arithmetic is in
 //! `f64` with `libm`, so the results do not depend on the machine.
 
-use crate::color::decode_srgb;
+use glasshouse_line::color::decode_srgb;
 
 /// Rows of a 3 x 3 matrix.
 pub(crate) type Matrix = [[f64; 3]; 3];

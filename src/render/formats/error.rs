@@ -1,7 +1,7 @@
 //! Errors in the files of a photograph, panorama or mesh, and in its parameters.
 
 use super::icc::ColorError;
-use crate::line::LineError;
+use glasshouse_line::LineError;
 use std::path::PathBuf;
 
 /// An invalid file or parameter. The scene is quarantined with this text.

@@ -1,9 +1,9 @@
 //! Channels of labels in OpenEXR files: `coverage.Y`, `front_depth.Z`, `ghosts.R`, ...
 
 use super::exr_write::channel;
-use crate::label::{Label, LabelImages};
-use crate::line::ExrPrecision;
 use exr::prelude::{AnyChannel, FlatSamples};
+use glasshouse_line::ExrPrecision;
+use glasshouse_line::label::{Label, LabelImages};
 
 /// Returns the precision of a label in a file whose layers have `precision`. Halves are too coarse for a depth.
 pub fn label_precision(label: Label, precision: ExrPrecision) -> ExrPrecision {

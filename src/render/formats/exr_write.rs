@@ -2,13 +2,13 @@
 
 use super::exr_labels::channels_of;
 use super::exr_zip::write_zip16;
-use crate::label::LabelImages;
-use crate::line::ExrPrecision;
 use exr::image::write::layers::WritableLayers;
 use exr::prelude::{
     AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image, ImageAttributes,
     IntegerBounds, Layer, LayerAttributes, LineOrder, WritableImage, f16,
 };
+use glasshouse_line::ExrPrecision;
+use glasshouse_line::label::LabelImages;
 use std::io::Cursor;
 
 /// Largest value of a half float.

@@ -75,8 +75,8 @@ mod tests {
     use super::super::exr_read::first_layer;
     use super::super::exr_write::{channel, encode_exr};
     use super::*;
-    use crate::line::ExrPrecision;
     use exr::prelude::FlatSamples;
+    use glasshouse_line::ExrPrecision;
 
     /// Values of a film of 37 x 35 px: rows end in the middle of a word, and the last block has three of sixteen lines.
     fn values(noise: bool) -> Vec<f32> {

@@ -1,7 +1,7 @@
 //! Writes NumPy arrays (`.npy`, format 1.0).
 
-use crate::line::ExrPrecision;
 use exr::prelude::f16;
+use glasshouse_line::ExrPrecision;
 
 /// Length of the header, bytes.
 const HEADER_BYTES: usize = 128;

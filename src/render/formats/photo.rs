@@ -121,8 +121,8 @@ fn metadata(file: &NamedBytes, format: FileFormat) -> (Option<Vec<u8>>, Option<V
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::color::{decode_srgb, linear_to_srgb};
     use crate::formats::upright::tests::exif;
+    use glasshouse_line::color::{decode_srgb, linear_to_srgb};
     use std::path::Path;
 
     fn file(name: &str) -> NamedBytes {

@@ -5,7 +5,7 @@ use super::error::SceneError;
 use super::files::{FileFormat, NamedBytes};
 use super::icc::ColorError;
 use super::raster::{self, Raster, Samples};
-use crate::color::SrgbEncoder;
+use glasshouse_line::color::SrgbEncoder;
 
 /// A picture of 8-bit sRGB codes.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! The EXIF orientation of an image, and the upright order of its pixels.
 
 use super::raster::{Raster, Samples};
-use crate::line::Orientation;
+use glasshouse_line::Orientation;
 use image::metadata::Orientation as Turn;
 
 /// Size of an image as it is stored, with the orientation that its EXIF data states.

@@ -5,12 +5,12 @@ use super::noise::NoiseMap;
 use super::photographs::PhotographRecord;
 use super::tuple::{LabelRecord, LayerRecord, TUPLE_SCHEMA, Tuple, TupleRecord, layer_digest};
 use super::write::{halved, is_half};
-use crate::label::{Label, LabelImages, reflected_share};
-use crate::layer::{Layer, PerLayer};
-use crate::line::SceneLine;
 use crate::partial::Partial;
 use crate::shard::{ShardLayout, scene_digest};
 use crate::trace::TRACER_VERSION;
+use glasshouse_line::SceneLine;
+use glasshouse_line::label::{Label, LabelImages, reflected_share};
+use glasshouse_line::layer::{Layer, PerLayer};
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
 

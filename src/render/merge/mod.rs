@@ -4,7 +4,7 @@
 //! use render::merge::{MergeError, combine};
 //! use render::partial::Partial;
 //! # let side = r#"{"panorama": "room.exr", "transfer": "linear", "depth_m": 4}"#;
-//! # let line = render::line::parse_scene(&format!(r#"{{
+//! # let line = glasshouse_line::parse_scene(&format!(r#"{{
 //! #     "schema": "glasshouse.scene/1", "id": "a", "seed": 1,
 //! #     "film": {{"width": 100, "height": 50, "spp": 1024}},
 //! #     "camera": {{"focal_length_mm": 55, "aperture_radius_m": 0, "focus": {{"at": "infinity"}}}},
@@ -14,7 +14,7 @@
 //! // A film of two tiles and four sample ranges has eight shards; none of them is traced.
 //! let error = combine::<Partial>(&line, 64, &[]).unwrap_err();
 //! assert!(matches!(error, MergeError::Gaps { total: 8, .. }));
-//! # Ok::<(), render::line::ManifestError>(())
+//! # Ok::<(), glasshouse_line::ManifestError>(())
 //! ```
 
 mod combine;

@@ -7,9 +7,9 @@
 
 use crate::formats::exr_read::{check_headers, decode_exr_channels};
 use crate::formats::exr_write::{HALF_MAX, encode_exr};
-use crate::layer::{Layer, PerLayer};
-use crate::line::Film;
 use exr::prelude::{AnyChannel, FlatSamples, f16};
+use glasshouse_line::Film;
+use glasshouse_line::layer::{Layer, PerLayer};
 
 /// Side of a cell, px; cells at the right and lower border may be smaller.
 pub(super) const CELL_PX: u32 = 2;
@@ -90,7 +90,7 @@ fn coarse(value: f32) -> f16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::line::parse_jsonl;
+    use glasshouse_line::parse_jsonl;
 
     /// Makes a film of 9 x 6 px, with 5 x 3 cells.
     fn film() -> Film {

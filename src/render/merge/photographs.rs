@@ -2,8 +2,8 @@
 
 use super::tuple::Tuple;
 use super::write::{halved, is_half};
-use crate::layer::Layer;
-use crate::line::{SENSOR_VERSION, SceneLine, SensorExposure};
+use glasshouse_line::layer::Layer;
+use glasshouse_line::{SENSOR_VERSION, SceneLine, SensorExposure};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 

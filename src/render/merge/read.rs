@@ -3,8 +3,8 @@
 use super::tuple::TupleRecord;
 use crate::formats::exr_labels::read_label;
 use crate::formats::exr_read::{check_headers, decode_exr_channels};
-use crate::label::LabelImages;
-use crate::layer::{Layer, PerLayer};
+use glasshouse_line::label::LabelImages;
+use glasshouse_line::layer::{Layer, PerLayer};
 use image::{ImageFormat, ImageReader};
 use std::io::Cursor;
 

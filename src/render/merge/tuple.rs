@@ -4,11 +4,11 @@ use super::noise::NoiseMap;
 use super::photographs::PhotographRecord;
 use super::write::tuple_images;
 use crate::formats::exr_labels::label_precision;
-use crate::label::{Label, LabelImages};
-use crate::layer::{Layer, PerLayer};
-use crate::line::{ExrPrecision, SceneLine};
 use crate::scene::{InputDigests, MISSED_SHARE, SceneFacts};
 use exr::prelude::f16;
+use glasshouse_line::label::{Label, LabelImages};
+use glasshouse_line::layer::{Layer, PerLayer};
+use glasshouse_line::{ExrPrecision, SceneLine};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

@@ -3,13 +3,13 @@
 use super::photographs::photographs;
 use super::tuple::{TUPLE_SCHEMA_1, Tuple, TupleRecord, file_digest};
 use crate::atomic_file::WriteError;
-use crate::color::{SrgbEncoder, linear_to_srgb16};
 use crate::formats::exr_labels::label_channels;
 use crate::formats::exr_write::{HALF_MAX, channel, encode_exr};
-use crate::layer::PerLayer;
-use crate::line::{ExrPrecision, SceneLine};
 use crate::trace::TRACER_VERSION;
 use exr::prelude::f16;
+use glasshouse_line::color::{SrgbEncoder, linear_to_srgb16};
+use glasshouse_line::layer::PerLayer;
+use glasshouse_line::{ExrPrecision, SceneLine};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use std::collections::BTreeMap;

@@ -4,14 +4,14 @@ use super::{Maker, Partial, PartialHeader};
 use crate::formats::exr_labels::{label_channels, read_label};
 use crate::formats::exr_read::{check_claim, first_layer, headers};
 use crate::formats::exr_write::write_exr_into;
-use crate::label::{Label, LabelImages};
-use crate::layer::Layer;
-use crate::line::ExrPrecision;
 use crate::trace::PixelMeans;
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, IntegerBounds,
     Layer as Part, LayerAttributes, Text, Vec2,
 };
+use glasshouse_line::ExrPrecision;
+use glasshouse_line::label::{Label, LabelImages};
+use glasshouse_line::layer::Layer;
 use std::path::{Path, PathBuf};
 
 /// Error for a file that is not a usable partial. The shard of this file is traced again.

@@ -1,9 +1,9 @@
 //! JSON header of a partial.
 
-use crate::ids::SceneId;
-use crate::layer::{Layer, PerLayer};
 use crate::scene::{InputDigests, SceneFacts};
 use crate::trace::Tile;
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::layer::{Layer, PerLayer};
 use serde::{Deserialize, Serialize};
 
 /// Schema name of a partial's header.

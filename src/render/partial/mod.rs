@@ -23,8 +23,8 @@ pub use exr_file::{PartialError, decode, encode};
 pub use header::{PARTIAL_SCHEMA, PartialHeader};
 pub use maker::Maker;
 
-use crate::label::LabelImages;
 use crate::trace::PixelMeans;
+use glasshouse_line::label::LabelImages;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Partial {

@@ -1,7 +1,7 @@
 //! Checks a partial's numbers for sense. A digest proves that a file is as written, not that a tracer wrote it.
 
 use super::Partial;
-use crate::layer::Layer;
+use glasshouse_line::layer::Layer;
 
 impl Partial {
     /// Returns what no tracer writes: radiance that is negative or not finite, more misses than paths, or more samples

@@ -18,12 +18,12 @@ use super::place::{DecodedSide, Placed};
 use super::smudges::smudges;
 use super::surface::{back_surface, front_surface};
 use super::view::OddView;
-use crate::line::{Focus, FocusAt, ReflectionOrders, SceneLine, Side};
 use crate::trace::{
     Bow, Cover, Lens, OrderPlan, RoughPane, RoughShape, Sampling, Scene, Slab, SmearedPane,
     Smudges, StackOptics, Zones,
 };
 use glam::DVec3;
+use glasshouse_line::{Focus, FocusAt, ReflectionOrders, SceneLine, Side};
 
 /// Assembles a scene without a map of smudges from its decoded sides; see [`assemble_decoded`].
 ///

@@ -5,8 +5,8 @@ use super::color;
 use super::photograph::{Shape, Sheet, check_line, decode_shape, texture};
 use crate::formats::raster::Raster;
 use crate::formats::{NamedBytes, PhotographFiles, SceneError};
-use crate::line::{Card, Photograph, Transfer};
 use crate::trace::Texture;
+use glasshouse_line::{Card, Photograph, Transfer};
 use serde::Serialize;
 use std::collections::HashMap;
 use std::path::Path;
@@ -246,7 +246,7 @@ mod tests {
     use super::super::load::{SceneFiles, SideFiles, load, load_with};
     use super::*;
     use crate::formats::NamedBytes;
-    use crate::line::{SceneLine, parse_scene};
+    use glasshouse_line::{SceneLine, parse_scene};
     use std::sync::Arc;
 
     /// Bytes of the parts of a photograph of 2 x 2 px: four inverse depths, one block, its ceiling and four valid flags; 2 x 2 samples of

@@ -5,9 +5,9 @@ use super::error::AssembleError;
 use super::geometry::BackCamera;
 use crate::formats::error::SceneError;
 use crate::formats::raster::Raster;
-use crate::line::Card as CardLine;
 use crate::trace::{Card, Slab, Texture};
 use glam::DVec3;
+use glasshouse_line::Card as CardLine;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -97,7 +97,7 @@ fn clear(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::line::Apex;
+    use glasshouse_line::Apex;
 
     /// Places a card of 0.5 m, on either side of a pane at 0.3 m that is turned about the vertical.
     fn placed(is_back: bool, distance_m: f64, x_m: f64, yaw_deg: f64) -> Result<(), String> {

@@ -1,9 +1,9 @@
 //! Refuses panes at a grazing angle and panes that cut the lens.
 
 use super::geometry::{bow, filter_reach_px, layers, slab, turned_faces, unfiltered_film};
-use crate::line::SceneLine;
 use crate::trace::Slab;
 use glam::DVec3;
+use glasshouse_line::SceneLine;
 
 /// Largest angle between a camera ray and the pane's normal.
 pub const MAX_INCIDENCE_DEG: f64 = 85.0;
@@ -267,9 +267,9 @@ fn worst_direction(corner: [f64; 2], spread: f64, normal: DVec3, least_cos: f64)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::line::published;
-    use crate::line::{Filter, GlassLayer, Roughness};
     use crate::trace::Slab;
+    use glasshouse_line::published;
+    use glasshouse_line::{Filter, GlassLayer, Roughness};
     use proptest::prelude::*;
 
     fn tilted(pitch_deg: f64, yaw_deg: f64) -> SceneLine {

@@ -9,7 +9,7 @@ use crate::formats::npy::{Axes, NpyHead, NpyImage};
 use crate::formats::npy_header::Element;
 use crate::formats::raster::{self, Raster, Samples};
 use crate::formats::{exr_raster, pfm};
-use crate::line::{Highlights, Orientation, Transfer};
+use glasshouse_line::{Highlights, Orientation, Transfer};
 use std::path::Path;
 use std::rc::Rc;
 
@@ -306,7 +306,7 @@ mod tests {
     use super::*;
     use crate::formats::npy::tests::npy;
     use crate::formats::raster::tests::{jpeg, png};
-    use crate::line::Orientation::Upright;
+    use glasshouse_line::Orientation::Upright;
     use image::ExtendedColorType as Png;
     use std::path::PathBuf;
 
@@ -452,7 +452,7 @@ mod tests {
             path: name.into(),
             bytes: std::fs::read(folder.join(name)).unwrap(),
         };
-        let encoder = crate::color::SrgbEncoder::new();
+        let encoder = glasshouse_line::color::SrgbEncoder::new();
         for name in ["p3", "adobe", "grey-table", "grey-lab", "chunk-cicp", "chunk-video"] {
             let scale = [0.5, 2.0, 1.0];
             let (tagged, twin) = (file(&format!("{name}.png")), file(&format!("{name}.srgb.png")));

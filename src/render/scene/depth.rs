@@ -7,7 +7,7 @@ use crate::formats::npy::{Axes, NpyHead, NpyImage};
 use crate::formats::npy_header::Element;
 use crate::formats::raster::{self, Raster, Samples};
 use crate::formats::{exr_raster, pfm, tiff_depth};
-use crate::line::{DepthKind, Intrinsics, Orientation};
+use glasshouse_line::{DepthKind, Intrinsics, Orientation};
 
 const FORMATS: &str = "a .npy, .npz, grey PNG, grey PNM, PFM, TIFF or EXR depth image";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers";

@@ -5,7 +5,7 @@ use super::largest_code::{largest_code_share_of, largest_code_text};
 use super::photograph::codes;
 use super::place::Placed;
 use crate::formats::{NamedBytes, SceneError};
-use crate::line::{DepthKind, Photograph, Side};
+use glasshouse_line::{DepthKind, Photograph, Side};
 
 /// A median depth above this is probably a mistake: photographs with depth show nearer things, and millimetres that are
 /// read as metres are a thousand times too far.

@@ -1,10 +1,10 @@
 //! Pane, film and back capture camera of a scene line in the lens's coordinates.
 
-use crate::line::{Apex, FaceCoating, Filter, GlassLayer, SceneLine};
 use crate::trace::{
     Bow, Coating, FilmPlane, FilterTable, Lens, Outline, Slab, Stack, StackLayer, Wave,
 };
 use glam::{DMat3, DVec3};
+use glasshouse_line::{Apex, FaceCoating, Filter, GlassLayer, SceneLine};
 
 /// Returns the pane of a line.
 pub(super) fn slab(line: &SceneLine) -> Slab {

@@ -11,7 +11,7 @@
 //! keeps hue and saturation. The curve is a guess, because the clipped radiance is lost. Banterle et al., "Inverse tone
 //! mapping" (GRAPHITE 2006), expand the range in a similar way.
 
-use crate::line::Highlights;
+use glasshouse_line::Highlights;
 
 /// Computes f(v) of the largest linear channel `v`.
 fn expanded(curve: Highlights, v: f64) -> f64 {

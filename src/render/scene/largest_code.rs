@@ -2,7 +2,7 @@
 
 use super::far::is_metric;
 use super::place::Placed;
-use crate::line::{DepthKind, Intrinsics, Photograph, Side};
+use glasshouse_line::{DepthKind, Intrinsics, Photograph, Side};
 
 /// Largest code of 16 bits.
 const LARGEST: f64 = 65535.0;

@@ -7,10 +7,10 @@ use super::smudges::{SmudgeMap, decode_map};
 use super::window::Sight;
 use super::{AssembleError, Decoded, DecodedSide, SceneFacts, assemble_decoded, decode_mesh};
 use crate::formats::{NamedBytes, PanoramaFiles, PhotographFiles, SceneError};
-use crate::line::{
+use crate::trace::Scene;
+use glasshouse_line::{
     PanoramaDepth, RootError, Roots, SMUDGES_MAP, SceneLine, Side, Smudges, card_key,
 };
-use crate::trace::Scene;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -5,7 +5,7 @@ use super::cache::{PhotographCache, PhotographDigests};
 use super::load::{
     DecodedScene, LoadError, LoadedScene, SceneDigests, assemble_loaded, decode_with, read_files,
 };
-use crate::line::{Photograph, Roots, SceneLine, Side};
+use glasshouse_line::{Photograph, Roots, SceneLine, Side};
 use serde::Serialize;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -180,7 +180,7 @@ fn mark(content: &impl Serialize) -> Mark {
 mod tests {
     use super::super::load::load;
     use super::*;
-    use crate::line::parse_scene;
+    use glasshouse_line::parse_scene;
     use std::fs::{File, remove_file};
     use std::time::Duration;
 
@@ -222,7 +222,8 @@ mod tests {
         write(&color, &pfm("PF", 0.5, 12), 1);
         write(&base.join("depth.pfm"), &pfm("Pf", 2.0, 4), 1);
         write(&base.join("card.pfm"), &pfm("PF", 0.25, 12), 1);
-        let mask = crate::formats::encode_npy(&[2, 2], &[1.0; 4], crate::line::ExrPrecision::Float);
+        let mask =
+            crate::formats::encode_npy(&[2, 2], &[1.0; 4], glasshouse_line::ExrPrecision::Float);
         write(&base.join("mask.npy"), &mask, 1);
         let loader = SceneLoader::new(1_000_000);
         let sketch = r#""sketch":{"plane_m":3}"#;

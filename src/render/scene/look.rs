@@ -9,7 +9,7 @@ use crate::formats::PictureSize;
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::{jpeg, ply, raster};
-use crate::line::{Orientation, Transfer};
+use glasshouse_line::{Orientation, Transfer};
 
 /// Number of bytes at a file's start that contain the header of most files; a JPEG may have a preview before its size.
 pub const START_BYTES: usize = 1 << 14;

@@ -5,7 +5,7 @@ use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes};
 use crate::formats::npy::{Axes, NpyHead, NpyImage};
 use crate::formats::raster::{self, Samples};
-use crate::line::Orientation;
+use glasshouse_line::Orientation;
 
 const FORMATS: &str = "a .npy, .npz, PNG or PNM mask";
 const NPY: &str = "(H,W), (H,W,1) or (1,H,W) of numbers or booleans";

@@ -4,9 +4,9 @@ use super::transfer;
 use crate::formats::error::SceneError;
 use crate::formats::files::NamedBytes;
 use crate::formats::ply;
-use crate::line::MeshFile;
 use crate::trace::MAX_COORDINATE_M;
 use glam::{DMat3, DVec3};
+use glasshouse_line::MeshFile;
 
 /// A triangle mesh with radiance at its vertices.
 #[derive(Clone, Debug, PartialEq)]

@@ -9,8 +9,8 @@
 use super::geometry::{
     bow, film_reach, layers, roughness, slab, turned_faces, unfiltered_film, wave,
 };
-use crate::line::SceneLine;
 use crate::trace::Lens;
+use glasshouse_line::SceneLine;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
@@ -120,7 +120,7 @@ impl Negligible {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::line::{GlassLayer, Roughness, Wave, published};
+    use glasshouse_line::{GlassLayer, Roughness, Wave, published};
 
     type Line<'a> = &'a dyn Fn(f64) -> SceneLine;
     type Bound = fn(&Negligible) -> Option<f64>;

@@ -10,9 +10,11 @@ use super::window::{Sight, Window};
 use super::{center, color, depth, fill, relative};
 use crate::formats::error::SceneError;
 use crate::formats::files::{FileFormat, NamedBytes, PanoramaFiles};
-use crate::line::{DepthMap, Fill, Intrinsics, Orientation, PanoramaDepth, PanoramaFile, Transfer};
 use crate::trace::{Grid, Texture};
 use glam::{DMat3, DVec3};
+use glasshouse_line::{
+    DepthMap, Fill, Intrinsics, Orientation, PanoramaDepth, PanoramaFile, Transfer,
+};
 use std::f64::consts::TAU;
 
 /// Largest side of the view, px.

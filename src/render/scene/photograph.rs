@@ -6,8 +6,8 @@ use super::{center, color, depth, fill, mask};
 use crate::formats::error::SceneError;
 use crate::formats::files::{NamedBytes, PhotographFiles};
 use crate::formats::raster::Raster;
-use crate::line::{Fill, Intrinsics, Orientation, Photograph, Transfer, validate_side};
 use crate::trace::{Grid, Texture};
+use glasshouse_line::{Fill, Intrinsics, Orientation, Photograph, Transfer, validate_side};
 use std::path::Path;
 use std::sync::Arc;
 

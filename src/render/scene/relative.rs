@@ -7,7 +7,7 @@
 
 use super::depth::Depth;
 use crate::formats::error::SceneError;
-use crate::line::{DepthKind, DepthRange};
+use glasshouse_line::{DepthKind, DepthRange};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

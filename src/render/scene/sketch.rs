@@ -4,7 +4,7 @@ use super::color;
 use crate::formats::encode_npy;
 use crate::formats::error::SceneError;
 use crate::formats::files::NamedBytes;
-use crate::line::{ExrPrecision, Photograph, Sketch};
+use glasshouse_line::{ExrPrecision, Photograph, Sketch};
 
 /// Longest side of a sketched depth image, px. Inverse depth is linear on a plane, so only the foot of the wall needs pixels.
 const LONGEST_PX: usize = 512;

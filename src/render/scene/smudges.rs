@@ -4,9 +4,9 @@ use super::color;
 use super::geometry::pane_axes;
 use crate::formats::error::SceneError;
 use crate::formats::files::NamedBytes;
-use crate::hash::{GOLDEN_GAMMA, mix64};
-use crate::line::{Orientation, SceneLine, SmudgePattern, Transfer};
 use crate::trace::{Smear, Smudges};
+use glasshouse_line::hash::{GOLDEN_GAMMA, mix64};
+use glasshouse_line::{Orientation, SceneLine, SmudgePattern, Transfer};
 use std::sync::Arc;
 
 /// Covered shares, row by row.

@@ -4,9 +4,9 @@ use super::error::{AssembleError, MAX_TRAVEL_PX};
 use super::geometry::BackCamera;
 use super::photograph::Sheet;
 use super::place::Placed;
-use crate::line::{Apex, SceneLine};
 use crate::trace::{Pose, Slab, Surface, View};
 use glam::DVec3;
+use glasshouse_line::{Apex, SceneLine};
 
 /// Makes the surface seen through the pane. Lens rays start within `reach_m` of the axis.
 pub(super) fn front_surface(placed: Placed, reach_m: f64) -> Result<Surface, AssembleError> {

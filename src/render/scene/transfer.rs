@@ -1,7 +1,7 @@
 //! Transfer functions from coded values to linear Rec.709 radiance.
 
-use crate::color::decode_srgb;
-use crate::line::Transfer;
+use glasshouse_line::Transfer;
+use glasshouse_line::color::decode_srgb;
 use std::sync::LazyLock;
 
 /// Returns the radiance of a coded value.

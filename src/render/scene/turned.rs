@@ -1,7 +1,7 @@
 //! Checks that depth, mask and intrinsics refer to the upright colour image, where its EXIF orientation matters.
 
 use crate::formats::{PictureSize, SceneError};
-use crate::line::{Orientation, Photograph};
+use glasshouse_line::{Orientation, Photograph};
 use std::path::Path;
 
 /// Paths and sizes of a photograph's files.

@@ -3,7 +3,7 @@
 use super::error::AssembleError;
 use super::geometry::{largest_roughness, unfiltered_film};
 use super::place::Placed;
-use crate::line::{Apex, Intrinsics, SceneLine, Side};
+use glasshouse_line::{Apex, Intrinsics, SceneLine, Side};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -170,7 +170,7 @@ fn missed_share(k: &Intrinsics, tan_half_fov: [f64; 2], is_mirrored: bool) -> f6
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::line::parse_scene;
+    use glasshouse_line::parse_scene;
 
     /// Checks a front of these numbers and sizes, seen with 55 mm.
     fn find(

@@ -10,9 +10,9 @@ use super::geometry::{
     stack,
 };
 use super::negligible::Negligible;
-use crate::line::{Focus, FocusAt, GlassLayer, SceneLine};
 use crate::trace::{Bow, Lens, Order, Slab, Stack};
 use glam::{DMat3, DVec3};
+use glasshouse_line::{Focus, FocusAt, GlassLayer, SceneLine};
 
 /// Largest number of round trips inside the glass to consider. The light of further round trips is negligible.
 const ROUND_TRIPS: u32 = 8;
@@ -241,7 +241,7 @@ mod tests {
         assert!((across[1] - expected).abs() < 1e-9, "{across:?} {expected}");
         // If the pane turns by 10 degrees, the reflection turns by 20.
         let tilted = SceneLine {
-            glass: crate::line::Glass { tilt_deg: [0.0, 10.0], ..line.glass.clone() },
+            glass: glasshouse_line::Glass { tilt_deg: [0.0, 10.0], ..line.glass.clone() },
             ..line
         };
         let Window([across, down]) = Sight::back(&tilted).window(1e9);

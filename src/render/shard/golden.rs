@@ -3,9 +3,9 @@
 use super::golden_scenes::{GoldenScene, golden_scenes};
 use super::layout::samples_per_range;
 use super::spec::Golden;
-use crate::layer::Layer;
 use crate::threads::on_threads;
 use crate::trace::{Isa, Scene, Tile, trace_tile};
+use glasshouse_line::layer::Layer;
 use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};

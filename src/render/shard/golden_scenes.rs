@@ -4,11 +4,7 @@
 //! A new scene needs a row in [`SCENES`], its digest in the table of `golden.rs` (the test prints it), a reference
 //! image (see `tests/physics/golden.rs`) and a new name of the set, `SETS` there.
 
-use crate::curve::Curve;
 use crate::formats::NamedBytes;
-use crate::label::LabelSet;
-use crate::layer::PerLayer;
-use crate::line::Apex;
 use crate::scene::{BackCamera, decode_srgb_image};
 use crate::trace::{
     Bow, Card, Coating, Cover, FilmPlane, FilterTable, Grid, Lens, OrderPlan, Outline, Pose,
@@ -16,6 +12,10 @@ use crate::trace::{
     StackOptics, Texture, View, Wave, Zones,
 };
 use glam::{DMat3, DVec3};
+use glasshouse_line::Apex;
+use glasshouse_line::curve::Curve;
+use glasshouse_line::label::LabelSet;
+use glasshouse_line::layer::PerLayer;
 use std::sync::Arc;
 
 /// A scene of the golden set.

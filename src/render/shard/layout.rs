@@ -1,8 +1,8 @@
 //! Divides a scene into shards: tiles times sample ranges, numbered from 0.
 
-use crate::ids::SceneId;
-use crate::line::SceneLine;
 use crate::trace::Tile;
+use glasshouse_line::SceneLine;
+use glasshouse_line::ids::SceneId;
 use std::ops::Range;
 
 /// Returns the samples per pixel of a shard: all if `spp` is at most 256, otherwise a sixteenth, but at least 256. (A

@@ -1,6 +1,6 @@
 //! `RUN/spec.json`: the settings of a run that must not change.
 
-use crate::line::{SceneLine, to_jsonl};
+use glasshouse_line::{SceneLine, to_jsonl};
 use serde::{Deserialize, Deserializer, Serialize, de};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};

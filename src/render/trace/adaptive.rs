@@ -11,7 +11,7 @@ use super::means::{Components, Means, PixelMeans, Wanted};
 use super::scene::Scene;
 use super::tile::{Tile, TileResult, patches};
 use super::tracer::Tracer;
-use crate::layer::{Layer, PerLayer};
+use glasshouse_line::layer::{Layer, PerLayer};
 
 /// Side of a cell, px. Tiles of an adaptive scene begin at multiples of this length.
 pub const CELL_PX: u32 = 8;

@@ -16,7 +16,7 @@ use super::overlay::shows_all_of_back;
 use super::patch::Patch;
 use super::scene::{FilmPlane, FilterTable, Pose, Scene, Surface, View};
 use super::texture::Texture;
-use crate::layer::Layer;
+use glasshouse_line::layer::Layer;
 use std::ops::Range;
 
 /// Number of regular points across and down a pixel that count as R's paths.

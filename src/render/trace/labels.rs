@@ -10,7 +10,7 @@ use super::patch::Patch;
 use super::scene::{Scene, Surface};
 use super::slab::Order;
 use super::tile::{Tile, patches};
-use crate::label::{Label, LabelImages};
+use glasshouse_line::label::{Label, LabelImages};
 use std::ops::Range;
 
 /// Number of samples of the coverage in an adaptive scene, whose pixels have different numbers.

@@ -11,7 +11,7 @@
 
 use super::lanes::{LANES, Lane};
 use super::scene::Sampling;
-use crate::hash::{GOLDEN_GAMMA, mix64};
+use glasshouse_line::hash::{GOLDEN_GAMMA, mix64};
 
 /// Largest number of samples in a call of `block`. Longer sample ranges consist of whole blocks.
 pub const BLOCK: usize = 256;

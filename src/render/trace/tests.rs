@@ -316,8 +316,8 @@ pub(super) fn scene(tilt_deg: [f64; 2], general: bool, gaussian: bool, focus_m: 
         sampling: Sampling::Sobol,
         spp: 256,
         target_error: None,
-        layers: crate::layer::PerLayer([true; 4]),
-        labels: crate::label::LabelSet::default(),
+        layers: glasshouse_line::layer::PerLayer([true; 4]),
+        labels: glasshouse_line::label::LabelSet::default(),
         first_reflection_alone: false,
         film: FilmPlane {
             width: 120,

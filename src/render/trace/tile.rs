@@ -10,8 +10,8 @@ use super::patch::PATCH_PX;
 use super::sampler::BLOCK;
 use super::scene::Scene;
 use super::tracer::Tracer;
-use crate::label::LabelImages;
-use crate::layer::{Layer, PerLayer};
+use glasshouse_line::label::LabelImages;
+use glasshouse_line::layer::{Layer, PerLayer};
 use std::ops::Range;
 
 /// A rectangle of the film, px.

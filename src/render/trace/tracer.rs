@@ -32,8 +32,8 @@ use super::scene::{Scene, Surface};
 use super::slab::Order;
 use super::spans::Spans;
 
-use crate::label::Label;
-use crate::layer::{Layer, PerLayer};
+use glasshouse_line::label::Label;
+use glasshouse_line::layer::{Layer, PerLayer};
 use std::ops::Range;
 
 /// Tracer of a scene's patches, with counts of their paths.

@@ -19,7 +19,7 @@ use super::control::Control;
 use super::open::Run;
 use super::provenance::Provenance;
 use crate::store::{Store, StoreError};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};

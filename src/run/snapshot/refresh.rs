@@ -9,7 +9,7 @@ use crate::run::open::Run;
 use crate::run::provenance::Provenance;
 use crate::run::quarantine::QuarantineRecord;
 use crate::store::{Store, StoreError};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use render::merge::is_record_of;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

@@ -6,7 +6,7 @@
 
 use super::{SeenAttempt, Snapshot};
 use crate::run::attempts::{AttemptRecord, EndKind};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant, SystemTime};
 

@@ -116,7 +116,7 @@ impl CustomOp3 for Gate {
 mod tests {
     use super::*;
     use candle_core::{Device, Var};
-    use render::color::{decode_srgb, linear_to_srgb};
+    use glasshouse_line::color::{decode_srgb, linear_to_srgb};
 
     #[test]
     fn gradients_above_the_bound_only_pull_towards_it() {

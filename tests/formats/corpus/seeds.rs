@@ -3,10 +3,10 @@
 use super::pictures::{images, png};
 use glasshouse::farm::queue::{Message, write_message};
 use glasshouse::run::Task;
+use glasshouse_line::ids::SceneId;
+use glasshouse_line::{SceneLine, Side, parse_scene, to_jsonl};
 use image::ExtendedColorType as Png;
 use render::formats::{NamedBytes, PhotographFiles};
-use render::ids::SceneId;
-use render::line::{SceneLine, Side, parse_scene, to_jsonl};
 use render::merge::combine;
 use render::partial::{PARTIAL_SCHEMA, Partial, PartialHeader};
 use render::scene::{InputDigests, assemble, decode_photograph};

@@ -12,7 +12,7 @@ use crate::cli::progress::Progress;
 use crate::cli::signals::Signals;
 use crate::outputs::Outputs;
 use clap::Args as ClapArgs;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use render::trace::{Isa, TRACER_VERSION};
 use serde::Serialize;
 use std::borrow::Cow;

@@ -14,7 +14,7 @@ use crate::cli::exit_code::{Exit, Failure, exit_codes, failure};
 use crate::cli::output::Output;
 use clap::{Args as ClapArgs, Subcommand};
 use farm::BenchFarmArgs;
-use render::line::{Roots, parse_scene};
+use glasshouse_line::{Roots, parse_scene};
 use render::scene::{decode, read_files};
 use std::path::Path;
 

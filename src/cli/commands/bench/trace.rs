@@ -11,7 +11,7 @@ use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use clap::Args as ClapArgs;
 use compose::markdown_table;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use render::trace::{Isa, TRACER_VERSION};
 use serde::Serialize;
 use std::borrow::Cow;

@@ -14,7 +14,7 @@ use crate::report::write_report;
 use crate::run::Run;
 use crate::store::Store;
 use clap::Args as ClapArgs;
-use render::line::Roots;
+use glasshouse_line::Roots;
 use serde::Serialize;
 use std::fmt;
 

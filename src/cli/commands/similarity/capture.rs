@@ -2,11 +2,11 @@
 
 use crate::cli::store_env;
 use compose::read_picture;
+use glasshouse_line::color::SrgbEncoder;
+use glasshouse_line::{LayerSet, Roots, SceneLine, parse_scene};
 use image::RgbImage;
 use render::Loaded;
-use render::color::SrgbEncoder;
 use render::formats::{NamedBytes, decode_linear_exr};
-use render::line::{LayerSet, Roots, SceneLine, parse_scene};
 use render::scene::read_files_by;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};

@@ -10,7 +10,7 @@ use crate::farm::round::{Carried, Decision, QueuePoll, Round, decide};
 use crate::farm::stall::{LISTS_PER_LEASE, StallWatch, queued, unlisted};
 use crate::farm::worker::tasks::Time;
 use crate::run::{AttemptRecord, ControlState, Task};
-use render::ids::SceneId;
+use glasshouse_line::ids::SceneId;
 use std::collections::hash_map::DefaultHasher;
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{Hash as _, Hasher as _};

@@ -1,6 +1,6 @@
 use super::*;
-use crate::line::MeshFile;
 use crate::scene::decode_mesh;
+use glasshouse_line::MeshFile;
 use std::path::PathBuf;
 
 /// Returns a file with a quad, a triangle, a face of two corners and extra elements of other programs, in any coding.
@@ -68,7 +68,7 @@ fn file(coding: &str, colour: &str) -> NamedBytes {
 const CODINGS: [&str; 3] = ["ascii", "binary_little_endian", "binary_big_endian"];
 
 fn mesh_line(json: &str) -> MeshFile {
-    let crate::line::Side::Mesh(line) = serde_json::from_str(json).unwrap() else {
+    let glasshouse_line::Side::Mesh(line) = serde_json::from_str(json).unwrap() else {
         panic!("a photograph")
     };
     line

@@ -3,9 +3,9 @@ use super::*;
 use crate::formats::exr_raster::tests::exr;
 use crate::formats::npy::tests::npy;
 use crate::formats::raster::tests::png;
-use crate::line::{SceneLine, Side};
 use crate::trace::{Isa, Tile, TileResult, trace_tile};
 use ::exr::prelude::FlatSamples;
+use glasshouse_line::{SceneLine, Side};
 use std::f64::consts::PI;
 
 /// Computes the direction of pixel (i, j) in a panorama of this width, independently of `equirect`.

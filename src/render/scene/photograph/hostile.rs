@@ -126,7 +126,7 @@ fn no_changed_byte_causes_a_panic() {
 fn the_seeds_are_valid_files() {
     for (index, seed) in seeds().into_iter().enumerate() {
         let file = NamedBytes { path: format!("seed {index}").into(), bytes: seed };
-        let line = crate::line::Transfer::Srgb;
+        let line = glasshouse_line::Transfer::Srgb;
         let as_color = super::color::decode(&file, Orientation::Upright, line, [1.0; 3]).is_ok();
         let as_depth =
             super::depth::decode(&file, Orientation::Upright, super::depth::DepthCodes::PLAIN)

@@ -5,7 +5,7 @@ use crate::formats::npy::tests::npy;
 use crate::formats::png_chunks::tests::with_chunk;
 use crate::formats::raster::tests::{jpeg, png};
 use crate::formats::upright::tests::{exif, turned_jpeg};
-use crate::line::Fill;
+use glasshouse_line::Fill;
 use image::metadata::Orientation as Turn;
 use image::{DynamicImage, ExtendedColorType as Png};
 

@@ -2,7 +2,7 @@
 //! coatings.
 
 use super::super::lanes::{LANES, Lane, floor, max, min};
-use crate::curve::Curve;
+use glasshouse_line::curve::Curve;
 
 /// Steps of the cosine from 0 to 1. Linear interpolation between them is exact to some 1e-6 for a coating with rows every ten degrees. With 256 steps, the
 /// kinks between them were above what closed forms of waves and wedges may miss.

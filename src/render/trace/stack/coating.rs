@@ -1,6 +1,6 @@
 //! Shares of light that a coated face reflects and transmits, in place of Fresnel's.
 
-use crate::curve::Curve;
+use glasshouse_line::curve::Curve;
 
 /// Shares of the light that a coated face reflects and transmits, for s and p.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,9 +1,9 @@
 //! Compares the closed form of stacks with rays that are traced from face to face, and with a single slab.
 
 use super::*;
-use crate::curve::Curve;
 use crate::trace::{Order, Slab};
 use glam::DVec3;
+use glasshouse_line::curve::Curve;
 
 const CLEAR: [f64; 3] = [0.0; 3];
 

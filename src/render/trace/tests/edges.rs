@@ -7,12 +7,12 @@
 
 use super::{LANES, full_span, random};
 use crate::formats::{NamedBytes, PhotographFiles};
-use crate::line::{Photograph, Transfer};
 use crate::scene::decode_photograph;
 use crate::trace::isa::{AVX2, AVX512, BASELINE};
 use crate::trace::lanes::Lane;
 use crate::trace::walk::{Lines, Span, walk};
 use crate::trace::{Grid, Isa};
+use glasshouse_line::{Photograph, Transfer};
 use procedural::{listing, render};
 use std::path::Path;
 
@@ -38,13 +38,13 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         color: "edges.png".to_owned(),
         depth: "edges.npy".to_owned(),
         mask: None,
-        orientation: crate::line::Orientation::Upright,
+        orientation: glasshouse_line::Orientation::Upright,
         transfer: Transfer::Linear,
         depth_unit_m: unit_m,
         depth_none_code: None,
-        depth_kind: crate::line::DepthKind::Z,
+        depth_kind: glasshouse_line::DepthKind::Z,
         depth_range: None,
-        intrinsics: crate::line::Intrinsics {
+        intrinsics: glasshouse_line::Intrinsics {
             fx: 500.0,
             fy: 500.0,
             cx: width as f64 / 2.0,
@@ -54,7 +54,7 @@ fn sheet(width: usize, height: usize, depth: Vec<u8>, unit_m: f64) -> Grid {
         exposure: 1.0,
         illuminant: [1.0; 3],
         highlights: None,
-        fill: crate::line::Fill::Smooth,
+        fill: glasshouse_line::Fill::Smooth,
         apex: None,
         cards: vec![],
     };

@@ -230,7 +230,7 @@ impl Side {
 }
 
 /// Returns the JSON key of the picture of a side's card.
-pub(crate) fn card_key(index: usize) -> String {
+pub fn card_key(index: usize) -> String {
     format!("cards[{index}].color")
 }
 

@@ -5,6 +5,7 @@
 pub const GOLDEN_GAMMA: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Mixes all bits: SplitMix64's finaliser, a bijection with `mix64(0) == 0`.
+#[inline]
 pub const fn mix64(mut x: u64) -> u64 {
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -12,6 +13,7 @@ pub const fn mix64(mut x: u64) -> u64 {
 }
 
 /// Returns the output of one SplitMix64 step from the state `key`: a hash that does not map 0 to 0.
+#[inline]
 pub const fn splitmix64(key: u64) -> u64 {
     mix64(key.wrapping_add(GOLDEN_GAMMA))
 }

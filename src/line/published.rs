@@ -1,11 +1,13 @@
-//! The scene line that tests modify.
+//! The scene line that examples and tests modify.
 
-use super::photograph::Photograph;
 use super::scene_line::SceneLine;
-use super::side::Side;
 
-/// Returns a scene line with the camera and the DIODE intrinsics of the published setup.
-pub(crate) fn published() -> SceneLine {
+/// Returns a scene line with the camera and the DIODE intrinsics of the published setup, for examples and tests.
+///
+/// # Panics
+///
+/// Never: a test reads the text.
+pub fn published() -> SceneLine {
     serde_json::from_str(
         r#"{"schema":"glasshouse.scene/1","id":"000412","seed":412,
             "film":{"width":256,"height":256,"spp":256,"filter":"box"},
@@ -19,11 +21,13 @@ pub(crate) fn published() -> SceneLine {
             "back":{"color":"b.png","depth":"b_depth.npy","apex":"mirror",
                     "intrinsics":{"fx":886.81,"fy":927.06,"cx":512,"cy":384}}}"#,
     )
-    .unwrap()
+    .expect("a test reads the text")
 }
 
 /// Returns the photograph of a side; panics for a panorama or a mesh.
-pub(super) fn photograph(side: &mut Side) -> &mut Photograph {
+#[cfg(test)]
+pub(super) fn photograph(side: &mut super::Side) -> &mut super::Photograph {
+    use super::Side;
     match side {
         Side::Photograph(photograph) => photograph,
         Side::Panorama(_) | Side::Mesh(_) => panic!("not a photograph"),

@@ -72,7 +72,7 @@ pub struct SceneLine {
 }
 
 /// Key of the picture of a pane's smudges.
-pub(crate) const SMUDGES_MAP: &str = "glass.smudges.map";
+pub const SMUDGES_MAP: &str = "glass.smudges.map";
 
 impl SceneLine {
     /// Returns the paths of all files of the scene, with their JSON keys.

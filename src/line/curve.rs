@@ -48,6 +48,7 @@ impl Curve {
     }
 
     /// Returns red, green and blue at a number; beyond the points, those of the nearest one.
+    #[inline]
     pub fn at(&self, x: f64) -> [f64; 3] {
         let last = self.points.len() - 1;
         let behind = self.points.partition_point(|of| *of <= x);

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! ```
-//! use render::line::{Focus, parse_scene};
+//! use glasshouse_line::{Focus, parse_scene};
 //!
 //! let side = r#"{"panorama": "room.exr", "transfer": "linear", "depth_m": 4}"#;
 //! let line = parse_scene(&format!(r#"{{
@@ -21,23 +21,28 @@
 //!     "front": {side}, "back": {side}}}"#))?;
 //! assert_eq!(line.camera.focus, Focus::Distance { distance_m: 7.0 });
 //! assert_eq!(line.front.name(), "room.exr");
-//! # Ok::<(), render::line::ManifestError>(())
+//! # Ok::<(), glasshouse_line::ManifestError>(())
 //! ```
 
 mod card;
 mod coating;
+pub mod color;
+pub mod curve;
 mod depth_range;
 mod error;
 mod glass;
+pub mod hash;
 mod highlights;
+pub mod ids;
 mod image;
 mod jsonl;
+pub mod label;
+pub mod layer;
 mod layers;
 pub mod limits;
 mod outline;
 mod panorama;
 mod photograph;
-#[cfg(test)]
 mod published;
 mod roots;
 mod roughness;
@@ -62,16 +67,13 @@ pub use layers::LayerSet;
 pub use outline::Outline;
 pub use panorama::{DepthMap, PanoramaDepth, PanoramaFile};
 pub use photograph::Photograph;
+pub use published::published;
 pub use roots::{RootError, Roots, is_root_name, is_url};
 pub use roughness::Roughness;
 pub use scene_line::*;
 pub use sensor::{Mosaic, SENSOR_VERSION, Sensor, SensorExposure, Subsampling, Tone};
-pub(crate) use side::card_key;
-pub use side::{MeshFile, MeshPose, Side};
+pub use side::{MeshFile, MeshPose, Side, card_key};
 pub use sketch::{CAMERA_HEIGHT_M, HORIZON, Sketch};
 pub use smudges::{SmudgePattern, Smudges};
 pub use validate::side as validate_side;
 pub use wave::{MAX_WAVE_SLOPE, Wave};
-
-#[cfg(test)]
-pub(crate) use published::published;

@@ -15,7 +15,7 @@ use super::smudges::Smudges;
 use crate::layer::Layer;
 
 impl SceneLine {
-    /// Checks each field. [`crate::scene::check_geometry`] checks pane, lens and film together.
+    /// Checks each field. `render::scene::check_geometry` checks pane, lens and film together.
     pub fn validate(&self) -> Result<(), LineError> {
         if self.schema != SCENE_SCHEMA {
             return Err(LineError::Schema { found: self.schema.clone() });

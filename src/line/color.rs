@@ -13,22 +13,26 @@ pub struct SrgbEncoder {
 const CELLS: usize = 4096;
 
 /// Returns the linear value of an 8-bit code.
+#[inline]
 pub fn srgb_to_linear(code: u8) -> f32 {
     decode_srgb(f64::from(code) / 255.0) as f32
 }
 
 /// Applies the inverse curve, continued above 1. Negative values stay negative, and NaN stays NaN.
+#[inline]
 pub fn decode_srgb(coded: f64) -> f64 {
     if coded > 0.04045 { libm::pow((coded + 0.055) / 1.055, 2.4) } else { coded / 12.92 }
 }
 
 /// Applies the curve to a linear value, clamped to [0, 1]. The result is a code value in [0, 1].
+#[inline]
 pub fn linear_to_srgb(value: f32) -> f64 {
     let value = f64::from(value.clamp(0.0, 1.0));
     if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * libm::pow(value, 1.0 / 2.4) - 0.055 }
 }
 
 /// Returns the nearest 16-bit IEC 61966-2-1 code of a linear value, clamped to [0, 1]. NaN becomes 0.
+#[inline]
 pub fn linear_to_srgb16(value: f32) -> u16 {
     (linear_to_srgb(value) * 65_535.0).round() as u16
 }
@@ -45,6 +49,7 @@ impl SrgbEncoder {
     }
 
     /// Returns the code of a linear value. NaN becomes 0.
+    #[inline]
     pub fn encode(&self, value: f32) -> u8 {
         let value = value.clamp(0.0, 1.0);
         let mut code = usize::from(self.start[(value * CELLS as f32) as usize]);
