@@ -25,7 +25,11 @@ pub(crate) fn read(folder: &Path) -> Result<f64, Box<dyn Error>> {
     let film = &record.scene.film;
     println!(
         "{}: {} x {} px, {} samples a pixel, glass of {} m",
-        record.scene.id, film.width, film.height, film.spp, record.scene.glass.thickness_m
+        record.scene.id,
+        film.width,
+        film.height,
+        film.spp,
+        record.scene.glass.total_thickness_m()
     );
     // Pixels are linear Rec.709, row by row. Decoding compares their size and digests with the record.
     let exr = std::fs::read(folder.join("tuple.exr"))?;

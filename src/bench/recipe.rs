@@ -96,7 +96,7 @@ fn flat(line: &SceneLine) -> SceneLine {
     // A single layer without a wedge is a pane without layers.
     let layers = glass.layers.clone();
     if !layers.is_empty() {
-        glass.set_layers(&layers);
+        glass.set_stack(&layers);
     }
     line
 }
@@ -105,10 +105,13 @@ fn flat(line: &SceneLine) -> SceneLine {
 fn plain(line: &SceneLine) -> SceneLine {
     let mut line = flat(line);
     let glass = &mut line.glass;
-    (glass.thickness_m, glass.ior) = PLAIN;
-    glass.absorption_per_m = [0.0; 3];
+    glass.set_stack(&[GlassLayer::Glass {
+        glass_m: PLAIN.0,
+        ior: PLAIN.1,
+        absorption_per_m: [0.0; 3],
+        wedge_deg: [0.0; 2],
+    }]);
     (glass.glazing, glass.outline) = (None, None);
-    glass.layers.clear();
     glass.coatings.clear();
     line.front.cards_mut().clear();
     line.back.cards_mut().clear();

@@ -71,8 +71,8 @@ fn metadata_line(plan: &ExportPlan, record: &TupleRecord) -> String {
         // 0 means infinity, so that the column has numbers without gaps.
         ("inverse_focus_distance_per_m", json!(focus.map_or(0.0, |z| 1.0 / z))),
         ("glass_distance_m", json!(glass.distance_m)),
-        ("glass_thickness_m", json!(glass.thickness_m)),
-        ("glass_ior", json!(glass.ior)),
+        ("glass_thickness_m", json!(glass.total_thickness_m())),
+        ("glass_ior", json!(glass.first_glass().0)),
         ("glass_absorption_per_m", json!(glass.absorption_per_m)),
         ("glass_pitch_deg", json!(glass.tilt_deg[0])),
         ("glass_yaw_deg", json!(glass.tilt_deg[1])),

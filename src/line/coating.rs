@@ -1,7 +1,10 @@
 //! Coatings of the faces of a pane: shares of light in place of Fresnel's.
 
-use super::error::{LineError, all_within};
+use super::error::LineError;
+use super::keys::{At, Keys, Row, Visit};
 use crate::curve::Curve;
+use glasshouse_keys::keys;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Largest number of angles of a coating.
@@ -13,26 +16,29 @@ const LEAST_STEP: f64 = 1.0e-6;
 const POINTS: u32 = 8;
 
 /// Shares of the light that a coated face reflects and transmits, in place of Fresnel's, for both polarisations.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[keys]
 pub struct FaceCoating {
-    /// Index of the face, counted from the camera, from 0.
+    /// Index of the face, counted from the camera, from 0; face i lies behind i layers.
+    #[key("[0, 16] whole")]
     pub face: u32,
-    /// Angles of incidence of the rows of the shares, from 0 to 90: of the light outside the pane. Without them, the shares hold for
-    /// all angles.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    /// Angles of incidence of the rows of the shares, ascending from 0 to 90, at most 91: of the light outside the pane. Their cosines differ by 1e-6 or more. Without them, the shares
+    /// hold for all angles.
+    #[key("[0, 90] degrees")]
     pub angles_deg: Vec<f64>,
-    /// Reflected share for light from the camera's side.
+    /// Reflected share of red, green and blue for light from the camera's side, for both polarisations. With `angles_deg` a list with a
+    /// row for each angle; between them, shares are monotone cubics of the cosine.
+    #[key("[0, 1]")]
     pub reflectance: Shares,
     /// Reflected share for light from the other side; equal to `reflectance` without it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[key("[0, 1]")]
     pub reflectance_back: Option<Shares>,
-    /// Transmitted share from both sides; the coating absorbs the rest.
+    /// Transmitted share from both sides; the coating absorbs the rest, so that the sum with a reflectance is at most 1.
+    #[key("[0, 1]")]
     pub transmittance: Shares,
 }
 
 /// Shares of red, green and blue: for all angles, or a row for each angle.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(
     untagged,
     expecting = "shares must be [red, green, blue], or a list of such rows, one for each of angles_deg"
@@ -42,11 +48,15 @@ pub enum Shares {
     ByAngle(Vec<[f64; 3]>),
 }
 
-impl Shares {
-    fn rows(&self) -> &[[f64; 3]] {
+impl Keys for Shares {
+    fn rows(at: &At<'static>, rows: &mut Vec<Row>) {
+        <[f64; 3]>::rows(at, rows);
+    }
+
+    fn numbers(&self, at: &At<'_>, visit: &mut Visit<'_>) {
         match self {
-            Self::Constant(row) => std::slice::from_ref(row),
-            Self::ByAngle(rows) => rows,
+            Self::Constant(row) => row.numbers(at, visit),
+            Self::ByAngle(rows) => rows.numbers(at, visit),
         }
     }
 }
@@ -84,13 +94,6 @@ impl FaceCoating {
 
     fn check(&self, section: &str) -> Result<(), LineError> {
         self.check_angles(section)?;
-        for (key, shares) in self.shares() {
-            for (number, row) in shares.rows().iter().enumerate() {
-                let of_row = format!("{key}[{number}]");
-                let is_list = matches!(shares, Shares::ByAngle(_));
-                all_within(section, &[(if is_list { &of_row } else { key }, row)])?;
-            }
-        }
         self.check_sums(section)
     }
 
@@ -254,7 +257,7 @@ mod tests {
             ),
             (
                 coating("0.0,95.0,90.0", &half, &rows([0.2; 3])),
-                "angles_deg must ascend from 0 to 90",
+                "angles_deg[1] is 95, but must be 0 to 90 degrees",
             ),
             (
                 coating("0.0,45.0,90.0", &format!("[{}]", rows([0.5, 2.0, 1.0])), &rows([0.0; 3])),

@@ -1,5 +1,6 @@
 //! Errors of a scene line.
 
+use super::keys::{At, Keys};
 use super::limits::{Limit, limit_of};
 
 /// A scene line that is invalid regardless of its files.
@@ -43,6 +44,12 @@ pub enum LineError {
     NoRotation { field: String },
     #[error("glass.glazing is {found:?}, but must be 1 to {most} characters of [a-z0-9.-]")]
     GlazingName { found: String, most: usize },
+    #[error("missing field `{key}` of glass, which has no `layers`")]
+    NoMake { key: &'static str },
+    #[error("glass has `layers` and `{key}`: keep only one of them")]
+    TwoMakes { key: &'static str },
+    #[error("glass.layers have no layer of glass")]
+    NoGlass,
     /// A pane with more layers than a path can cross.
     #[error("glass.layers has {found} layers, but at most {most} are allowed")]
     Layers { found: usize, most: usize },
@@ -74,6 +81,10 @@ pub enum LineError {
         "glass.wave has slopes of up to {slope:.3}, but at most {most} are allowed: reduce amplitude_m, or increase length_m"
     )]
     SteepWave { slope: f64, most: f64 },
+    #[error(
+        "glass.smudges must have either `seed`, `coverage` and `mark_m`, or `map`, `center_m` and `width_m`"
+    )]
+    SmudgePattern,
     #[error("glass.wave and glass.bow_radius_m are both given: keep one")]
     WaveAndBow,
     /// An outline without glass.
@@ -150,4 +161,15 @@ pub(super) fn all_within(section: &str, numbers: &Numbers<'_>) -> Result<(), Lin
         }
     }
     Ok(())
+}
+
+/// Checks all declared numbers of a section against their limits.
+pub(super) fn check_section(section: &impl Keys, path: &str) -> Result<(), LineError> {
+    let mut wrong = Ok(());
+    section.numbers(&At::section(path), &mut |at, value| {
+        if wrong.is_ok() {
+            wrong = within(&at.path, value, at.limit());
+        }
+    });
+    wrong
 }

@@ -1,191 +1,138 @@
 //! The pane of a scene line: one layer of glass, or several layers of glass and gaps, with coatings.
 
 use super::coating::FaceCoating;
-use super::image::is_default;
+use super::glazing::GlazingName;
 use super::outline::Outline;
 use super::roughness::Roughness;
 use super::smudges::Smudges;
 use super::wave::Wave;
-use serde::{Deserialize, Serialize};
+use glasshouse_keys::keys;
 
-/// The plane-parallel pane.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "GlassKeys", into = "GlassKeys")]
+/// The pane: position, make and edges.
+#[keys(recipe = GlassRecipe)]
 pub struct Glass {
     /// Distance of the front face from the lens along the optical axis.
+    // Single precision holds the squares of these distances, and products of the squares with sizes.
+    #[key("(0, 1e15] m", recipe = 0.30, decides)]
     pub distance_m: f64,
-    /// Thickness; 0 is allowed. With `layers`, their sum.
-    pub thickness_m: f64,
-    /// Index of refraction against air, at least 1. With `layers`, that of the first glass.
-    pub ior: f64,
-    /// Absorption coefficient of red, green and blue, per metre of path in the glass. With `layers`, that of the first glass.
-    pub absorption_per_m: [f64; 3],
-    /// `[pitch, yaw]`: rotation about +x, then +y, right-handed; pivot (0, 0, distance_m).
+    /// Thickness of a pane without `layers` or `glazing`. In recipes 0.010 if missing.
+    // Lengths of paths of 64 layers fit into whole femtometres of 64 bits.
+    #[key("[0, 100] m")]
+    pub thickness_m: Option<f64>,
+    /// Index of refraction against air of a pane without `layers` or `glazing`. In recipes 1.6 if missing.
+    #[key("[1, 10]")]
+    pub ior: Option<f64>,
+    /// Absorption coefficients of red, green and blue, per metre of path in a pane without `layers` or `glazing`; 0 if missing.
+    // Light falls to 1/e in 1 nm at most; more would show the rounding of lengths.
+    #[key("[0, 1e9] per m")]
+    pub absorption_per_m: Option<[f64; 3]>,
+    /// Pitch and yaw: rotation about +x, then about +y, right-handed, around the point of the front face on the axis; 0 is
+    /// perpendicular to the axis.
+    #[key("(-90, 90) degrees", default = [0.0; 2], written, decides)]
     pub tilt_deg: [f64; 2],
-    /// Name of the glazing from which a recipe took the pane: for readers, not for the tracer.
-    pub glazing: Option<String>,
-    /// Layers from the camera outwards, in place of thickness, index and absorption; empty for a plain pane.
+    /// Name of a glazing (docs/glass.md), or a choice of names, in place of thickness, index and absorption. In lines 1 to 64 characters
+    /// of `[a-z0-9.-]` for readers alone: it changes no pixel.
+    pub glazing: Option<GlazingName>,
+    /// Layers from the camera outwards, in place of thickness, index and absorption.
+    #[key(line_only)]
     pub layers: Vec<GlassLayer>,
     /// Coatings, at most one for each face.
+    #[key(line_only)]
     pub coatings: Vec<FaceCoating>,
-    /// Radius of the sphere to which the pane is bent: positive if its centre is on the camera's side; flat without it.
+    /// Radius of the sphere to which a single uncoated pane is bent: positive if its centre is on the camera's side; not 0. Flat if
+    /// missing.
+    #[key("(-inf, inf) m", decides)]
     pub bow_radius_m: Option<f64>,
-    /// Waves that all faces share; flat without them. Not with `bow_radius_m`.
+    /// Waves of all faces, such as those of tempered glass. Not with `bow_radius_m`.
     pub wave: Option<Wave>,
-    /// Roughness of the faces, smooth without it.
+    /// Roughness of all faces, Beckmann's alpha; in lines, also a list with one value for each face. Smooth, or that of the glazing, if
+    /// missing.
+    #[key("[0, 0.1]", decides)]
     pub roughness: Option<Roughness>,
-    /// Smudges on the front face, clean without them.
+    /// Smudges on the front face.
     pub smudges: Option<Smudges>,
-    /// Edges of the pane; without them, the pane fills the picture.
+    /// Edges of the pane and its frame; without them, the pane fills the picture.
     pub outline: Option<Outline>,
+    /// Pitch and yaw of all faces behind the first gap, or behind the glass of a pane without gaps, against those before it. Not with
+    /// `bow_radius_m`.
+    #[key("[-5, 5] degrees", recipe_only, decides)]
+    pub wedge_deg: Option<[f64; 2]>,
 }
 
 /// A layer of a pane.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[keys]
+#[derive(Copy)]
 #[serde(
     untagged,
-    deny_unknown_fields,
     expecting = r#"a layer must be {"glass_m": h, "ior": n, "absorption_per_m": [r, g, b]} (the last is optional) or {"gap_m": h}, each with or without "wedge_deg": [pitch, yaw]"#
 )]
 pub enum GlassLayer {
     Glass {
-        /// Thickness.
+        /// Thickness of a layer of glass.
+        #[key("[0, 100] m")]
         glass_m: f64,
-        /// Index of refraction against air, at least 1.
+        /// Index of refraction against air.
+        #[key("[1, 10]")]
         ior: f64,
-        /// Absorption coefficient of red, green and blue, per metre of path.
-        #[serde(default)]
+        /// Absorption coefficients of red, green and blue, per metre of path.
+        #[key("[0, 1e9] per m", default = [0.0; 3], written)]
         absorption_per_m: [f64; 3],
         /// Pitch and yaw by which the layer turns all faces behind it against those before it.
-        #[serde(default, skip_serializing_if = "is_default")]
+        #[key("[-5, 5] degrees", default = [0.0; 2])]
         wedge_deg: [f64; 2],
     },
     /// Air, or another gas.
     Gap {
-        /// Thickness.
+        /// Thickness of a gap.
+        #[key("[0, 100] m")]
         gap_m: f64,
-        /// Pitch and yaw by which the layer turns all faces behind it against those before it.
-        #[serde(default, skip_serializing_if = "is_default")]
+        /// Pitch and yaw by which the gap turns all faces behind it against those before it.
+        #[key("[-5, 5] degrees", default = [0.0; 2])]
         wedge_deg: [f64; 2],
     },
 }
 
-/// The keys of [`Glass`].
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct GlassKeys {
-    distance_m: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    thickness_m: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    ior: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    absorption_per_m: Option<[f64; 3]>,
-    #[serde(default)]
-    tilt_deg: [f64; 2],
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    glazing: Option<String>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    layers: Vec<GlassLayer>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    coatings: Vec<FaceCoating>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    bow_radius_m: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    wave: Option<Wave>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    roughness: Option<Roughness>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    smudges: Option<Smudges>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    outline: Option<Outline>,
-}
-
-impl TryFrom<GlassKeys> for Glass {
-    type Error = String;
-
-    fn try_from(keys: GlassKeys) -> Result<Self, String> {
-        let GlassKeys { distance_m, tilt_deg, layers, coatings, .. } = keys;
-        let missing = |key: &str| format!("missing field `{key}` of glass, which has no `layers`");
-        let (thickness_m, ior, absorption_per_m) = if layers.is_empty() {
-            (
-                keys.thickness_m.ok_or_else(|| missing("thickness_m"))?,
-                keys.ior.ok_or_else(|| missing("ior"))?,
-                keys.absorption_per_m.unwrap_or_default(),
-            )
-        } else {
-            let plain = [
-                ("thickness_m", keys.thickness_m.is_some()),
-                ("ior", keys.ior.is_some()),
-                ("absorption_per_m", keys.absorption_per_m.is_some()),
-            ];
-            if let Some((key, _)) = plain.into_iter().find(|(_, given)| *given) {
-                return Err(format!("glass has `layers` and `{key}`: keep only one of them"));
-            }
-            of_stack(&layers).ok_or("glass.layers have no layer of glass")?
-        };
-        Ok(Self {
-            distance_m,
-            thickness_m,
-            ior,
-            absorption_per_m,
-            tilt_deg,
-            glazing: keys.glazing,
-            layers,
-            coatings,
-            bow_radius_m: keys.bow_radius_m,
-            wave: keys.wave,
-            roughness: keys.roughness,
-            smudges: keys.smudges,
-            outline: keys.outline,
-        })
-    }
-}
-
-impl From<Glass> for GlassKeys {
-    fn from(glass: Glass) -> Self {
-        let is_plain = glass.layers.is_empty();
-        Self {
-            distance_m: glass.distance_m,
-            thickness_m: is_plain.then_some(glass.thickness_m),
-            ior: is_plain.then_some(glass.ior),
-            absorption_per_m: is_plain.then_some(glass.absorption_per_m),
-            tilt_deg: glass.tilt_deg,
-            glazing: glass.glazing,
-            layers: glass.layers,
-            coatings: glass.coatings,
-            bow_radius_m: glass.bow_radius_m,
-            wave: glass.wave,
-            roughness: glass.roughness,
-            smudges: glass.smudges,
-            outline: glass.outline,
-        }
-    }
-}
-
-/// Returns the thickness of layers together, and index and absorption of the first glass, if there is one.
-fn of_stack(layers: &[GlassLayer]) -> Option<(f64, f64, [f64; 3])> {
-    let thickness_m = layers.iter().map(GlassLayer::thickness_m).sum();
-    layers.iter().find_map(|layer| match *layer {
-        GlassLayer::Glass { ior, absorption_per_m, .. } => {
-            Some((thickness_m, ior, absorption_per_m))
-        }
-        GlassLayer::Gap { .. } => None,
-    })
-}
-
 impl Glass {
+    /// Returns the layers from the camera outwards; that of a pane without `layers` is its glass. Missing numbers of an invalid line are
+    /// NaN.
+    pub fn stack(&self) -> Vec<GlassLayer> {
+        if !self.layers.is_empty() {
+            return self.layers.clone();
+        }
+        vec![GlassLayer::Glass {
+            glass_m: self.thickness_m.unwrap_or(f64::NAN),
+            ior: self.ior.unwrap_or(f64::NAN),
+            absorption_per_m: self.absorption_per_m.unwrap_or_default(),
+            wedge_deg: [0.0; 2],
+        }]
+    }
+
     /// Replaces the layers. One layer of glass without a wedge becomes a plain pane, without `layers`.
-    ///
-    /// # Panics
-    ///
-    /// If no layer is glass.
-    pub fn set_layers(&mut self, layers: &[GlassLayer]) {
-        let (thickness_m, ior, absorption_per_m) = of_stack(layers).expect("a pane has glass");
-        (self.thickness_m, self.ior) = (thickness_m, ior);
-        self.absorption_per_m = absorption_per_m;
-        let is_plain = layers.len() == 1 && layers[0].wedge_deg() == [0.0; 2];
-        self.layers = if is_plain { vec![] } else { layers.to_vec() };
+    pub fn set_stack(&mut self, layers: &[GlassLayer]) {
+        let plain = match layers {
+            &[GlassLayer::Glass { glass_m, ior, absorption_per_m, wedge_deg: [0.0, 0.0] }] => {
+                Some((glass_m, ior, absorption_per_m))
+            }
+            _ => None,
+        };
+        self.thickness_m = plain.map(|(glass_m, ..)| glass_m);
+        self.ior = plain.map(|(_, ior, _)| ior);
+        self.absorption_per_m = plain.map(|(.., absorption_per_m)| absorption_per_m);
+        self.layers = if plain.is_some() { vec![] } else { layers.to_vec() };
+    }
+
+    /// Returns the thickness of all layers together, m.
+    pub fn total_thickness_m(&self) -> f64 {
+        self.stack().iter().map(GlassLayer::thickness_m).sum()
+    }
+
+    /// Returns index and absorption of the first glass; NaN and 0 for an invalid line.
+    pub fn first_glass(&self) -> (f64, [f64; 3]) {
+        let glass = |layer| match layer {
+            GlassLayer::Glass { ior, absorption_per_m, .. } => Some((ior, absorption_per_m)),
+            GlassLayer::Gap { .. } => None,
+        };
+        self.stack().into_iter().find_map(glass).unwrap_or((f64::NAN, [0.0; 3]))
     }
 }
 
@@ -215,7 +162,7 @@ impl GlassLayer {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{SceneLine, published};
+    use super::super::{GlazingName, SceneLine, published};
 
     fn with_glass(glass: &str) -> Result<SceneLine, String> {
         let mut line = published();
@@ -230,8 +177,8 @@ mod tests {
     fn layers_replace_thickness_index_and_absorption() {
         let line = with_glass(DOUBLE).unwrap();
         let glass = &line.glass;
-        assert!((glass.thickness_m - 0.026).abs() < 1e-15);
-        assert_eq!((glass.ior, glass.absorption_per_m), (1.52, [6.0, 2.0, 4.0]));
+        assert!((glass.total_thickness_m() - 0.026).abs() < 1e-15);
+        assert_eq!(glass.first_glass(), (1.52, [6.0, 2.0, 4.0]));
         assert_eq!(serde_json::to_string(glass).unwrap(), DOUBLE);
         // A plain pane keeps its text.
         let plain = serde_json::to_string(&published().glass).unwrap();
@@ -244,14 +191,14 @@ mod tests {
         let mut glass = with_glass(DOUBLE).unwrap().glass;
         let layers = glass.layers.clone();
         glass.coatings.clear();
-        glass.set_layers(&layers[2..]);
-        glass.glazing = Some("single-6".to_owned());
+        glass.set_stack(&layers[2..]);
+        glass.glazing = Some(GlazingName("single-6".to_owned()));
         let text = serde_json::to_string(&glass).unwrap();
         let wanted = r#"{"distance_m":0.4,"thickness_m":0.006,"ior":1.5,"absorption_per_m":[0.0,0.0,0.0],"tilt_deg":[5.0,20.0],"glazing":"single-6"}"#;
         assert_eq!(text, wanted);
         assert_eq!(with_glass(&text).unwrap().glass, glass);
         // The thickness of several layers is that of a line which is read.
-        glass.set_layers(&layers);
+        glass.set_stack(&layers);
         let text = serde_json::to_string(&glass).unwrap();
         assert_eq!(with_glass(&text).unwrap().glass, glass);
     }

@@ -1,6 +1,8 @@
 //! Scene ids, which become file names and are therefore checked on construction.
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::fmt;
 
 /// A scene's id: 1 to 128 characters of `[A-Za-z0-9_-]`, which are safe in file names and keys.
@@ -14,6 +16,16 @@ pub struct SceneId(String);
     "scene id {0:?} is not 1 to 128 characters of [A-Za-z0-9_-]: it names files, so rename the scene"
 )]
 pub struct BadSceneId(String);
+
+impl JsonSchema for SceneId {
+    fn schema_name() -> Cow<'static, str> {
+        "SceneId".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "string", "pattern": "^[A-Za-z0-9_-]{1,128}$" })
+    }
+}
 
 impl SceneId {
     /// Checks `text` and makes it an id.

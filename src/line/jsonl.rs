@@ -92,7 +92,7 @@ fn parse_at(json: &str, first_line: usize) -> Result<SceneLine, ManifestError> {
 mod tests {
     use super::super::image::{Apex, DepthKind, Fill, Transfer};
     use super::super::published::{photograph, published};
-    use super::super::scene_line::{Filter, Focus, FocusAt, Split};
+    use super::super::{Filter, Focus, FocusAt, Split};
     use super::*;
     use proptest::prelude::*;
 
@@ -191,7 +191,7 @@ mod tests {
         ) {
             let mut line = published();
             line.seed = seed;
-            line.glass.ior = (ior * 1e6).round() / 1e6;
+            line.glass.ior = Some((ior * 1e6).round() / 1e6);
             line.glass.distance_m = distance;
             photograph(&mut line.front).exposure = exposure;
             let bit = |n: u32| which >> n & 1 == 1;

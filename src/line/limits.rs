@@ -8,31 +8,42 @@ use std::ops::RangeBounds;
 pub struct Limit {
     range: (Bound<f64>, Bound<f64>),
     grid: Grid,
+    /// Unit of the number; empty without one.
+    pub unit: &'static str,
     /// The range in words, as the end of a sentence such as "ior must be 1 to 10".
     pub allowed: &'static str,
 }
 
 /// Allowed values within a range.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Grid {
+pub(crate) enum Grid {
     All,
     Whole,
     PowersOfTwo,
 }
 
 impl Limit {
-    const fn new(least: Bound<f64>, most: Bound<f64>, allowed: &'static str) -> Self {
-        Self { range: (least, most), grid: Grid::All, allowed }
+    pub(crate) const fn new(
+        range: (Bound<f64>, Bound<f64>),
+        grid: Grid,
+        unit: &'static str,
+        allowed: &'static str,
+    ) -> Self {
+        Self { range, grid, unit, allowed }
+    }
+
+    const fn from_to(least: Bound<f64>, most: Bound<f64>, allowed: &'static str) -> Self {
+        Self::new((least, most), Grid::All, "", allowed)
     }
 
     /// Returns the limit of a range without its lower end 0.
     const fn above_0_to(most: f64, allowed: &'static str) -> Self {
-        Self::new(Excluded(0.0), Included(most), allowed)
+        Self::from_to(Excluded(0.0), Included(most), allowed)
     }
 
     /// Returns the limit of a range that includes both ends.
     const fn between(least: f64, most: f64, allowed: &'static str) -> Self {
-        Self::new(Included(least), Included(most), allowed)
+        Self::from_to(Included(least), Included(most), allowed)
     }
 
     const fn on(self, grid: Grid) -> Self {
@@ -49,14 +60,41 @@ impl Limit {
         value.is_finite() && self.range.contains(&value) && is_on_grid
     }
 
+    /// Returns the numbers at the ends of the range: those that are allowed, and their neighbours that are not. For tests.
+    pub fn edges(&self) -> (Vec<f64>, Vec<f64>) {
+        let step = |from: f64, up: bool| match (self.grid, up) {
+            (Grid::All, true) => from.next_up(),
+            (Grid::All, false) => from.next_down(),
+            (Grid::Whole, true) => from + 1.0,
+            (Grid::Whole, false) => from - 1.0,
+            (Grid::PowersOfTwo, true) => 2.0 * from,
+            (Grid::PowersOfTwo, false) => 0.5 * from,
+        };
+        let (mut inside, mut outside) = (vec![], vec![]);
+        for (bound, is_upper) in [(self.range.0, false), (self.range.1, true)] {
+            match bound {
+                Included(end) => {
+                    inside.push(end);
+                    outside.push(step(end, is_upper));
+                }
+                Excluded(end) => {
+                    outside.push(end);
+                    inside.push(step(end, !is_upper));
+                }
+                Unbounded => {}
+            }
+        }
+        (inside, outside)
+    }
+
     /// True if only whole numbers are allowed.
     pub fn is_whole(&self) -> bool {
         self.grid != Grid::All
     }
 }
 
-pub(crate) const ABOVE_0: Limit = Limit::new(Excluded(0.0), Unbounded, "finite and above 0");
-const FROM_0: Limit = Limit::new(Included(0.0), Unbounded, "finite and at least 0");
+pub(crate) const ABOVE_0: Limit = Limit::from_to(Excluded(0.0), Unbounded, "finite and above 0");
+const FROM_0: Limit = Limit::from_to(Included(0.0), Unbounded, "finite and at least 0");
 /// Thickness of a layer, m. Lengths of paths of 64 layers fit into whole femtometres of 64 bits.
 const THICKNESS_M: Limit = Limit::between(0.0, 100.0, "0 to 100 m");
 /// Absorption coefficient, per metre. Light falls to 1/e in 1 nm at most; more would show the rounding of lengths.
@@ -64,19 +102,19 @@ const ABSORPTION_PER_M: Limit = Limit::between(0.0, 1.0e9, "0 to 1e9 per m");
 /// Sizes and places of pictures in the scene, m, whose squares single precision holds.
 const SIZE_M: Limit = Limit::above_0_to(1.0e9, "above 0 and at most 1e9 m");
 const PLACE_M: Limit = Limit::between(-1.0e9, 1.0e9, "-1e9 to 1e9 m");
-const FINITE: Limit = Limit::new(Unbounded, Unbounded, "finite");
+const FINITE: Limit = Limit::from_to(Unbounded, Unbounded, "finite");
 const BELOW_90_DEG: Limit =
-    Limit::new(Excluded(-90.0), Excluded(90.0), "above -90 and below 90 degrees");
+    Limit::from_to(Excluded(-90.0), Excluded(90.0), "above -90 and below 90 degrees");
 const SHARE: Limit = Limit::between(0.0, 1.0, "0 to 1");
-const PERCENTILE: Limit = Limit::new(Excluded(0.0), Included(100.0), "above 0 and at most 100");
+const PERCENTILE: Limit = Limit::from_to(Excluded(0.0), Included(100.0), "above 0 and at most 100");
 /// Ends and mean of a relative depth, and distance of a panorama without a depth map, m.
 pub(crate) const RELATIVE_DEPTH_M: Limit = Limit::between(1.0e-3, 1.0e6, "0.001 to 1e6 m");
 pub(crate) const FAR_OVER_NEAR: Limit =
-    Limit::new(Excluded(1.0), Included(1.0e6), "above 1 and at most 1e6");
+    Limit::from_to(Excluded(1.0), Included(1.0e6), "above 1 and at most 1e6");
 pub(crate) const PERCENT: Limit = Limit::between(0.0, 100.0, "0 to 100");
 /// Start of the curve for clipped highlights, linear.
 pub(crate) const BELOW_WHITE: Limit =
-    Limit::new(Included(0.0), Excluded(1.0), "0 or more and below 1");
+    Limit::from_to(Included(0.0), Excluded(1.0), "0 or more and below 1");
 /// Value of white after the curve, linear.
 pub(crate) const WHITE_BECOMES: Limit = Limit::between(1.0, 1.0e6, "1 to 1e6");
 

@@ -1,8 +1,7 @@
 //! The edges of a pane that ends inside the picture, and its frame.
 
-use super::error::{LineError, all_within};
-use super::image::is_default;
-use serde::{Deserialize, Serialize};
+use super::error::LineError;
+use glasshouse_keys::keys;
 
 /// Largest radiance of a frame for the camera: single precision holds the sums of its samples.
 const MOST_RADIANCE: f64 = 1.0e30;
@@ -11,33 +10,25 @@ const MOST_RADIANCE: f64 = 1.0e30;
 ///
 /// Coordinates lie in the plane of the front face: x = (p - P) . e_x and y = (p - P) . e_y, with P = (0, 0, distance_m) and the
 /// axes of the camera turned by `tilt_deg`. The point at which a camera ray enters decides for all its orders.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[keys(recipe = OutlineRecipe)]
 pub struct Outline {
-    /// Interval of the glass across.
+    /// Left and right edge of the glass, in the plane of its front face; 0 lies on the optical axis.
+    #[key("(-inf, inf) m")]
     pub x_m: [f64; 2],
-    /// Interval of the glass down.
+    /// Upper and lower edge of the glass.
+    #[key("(-inf, inf) m")]
     pub y_m: [f64; 2],
-    /// Width of the frame, outside of the glass on all four sides.
-    #[serde(default, skip_serializing_if = "is_default")]
+    /// Width of the opaque frame, outside of the glass on all four sides.
+    #[key("[0, inf) m", default = 0.0)]
     pub frame_m: f64,
-    /// Linear radiance of the frame, before the exposure and the white balance of the camera.
-    #[serde(default, skip_serializing_if = "is_default")]
+    /// Linear radiance of the frame: red, green, blue; the exposure and the white balance of the camera apply to it.
+    #[key("[0, 1e9]", default = [0.0; 3])]
     pub frame_radiance: [f64; 3],
 }
 
 impl Outline {
     /// Checks the edges, and the frame for a camera with this exposure and white balance.
     pub(super) fn check(&self, exposure: f64, white_balance: [f64; 3]) -> Result<(), LineError> {
-        all_within(
-            "glass.outline",
-            &[
-                ("x_m", &self.x_m),
-                ("y_m", &self.y_m),
-                ("frame_m", &[self.frame_m]),
-                ("frame_radiance", &self.frame_radiance),
-            ],
-        )?;
         for (field, [low, high]) in
             [("glass.outline.x_m", self.x_m), ("glass.outline.y_m", self.y_m)]
         {

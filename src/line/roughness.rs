@@ -1,10 +1,13 @@
 //! Roughness of the faces of a pane.
 
+use super::keys::{At, Drawing, Drawn, Keys, Row, Visit, VisitParams};
+use super::param::Param;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Beckmann's alpha, the tangent at which the density of the facets' slopes has fallen to 1/e: one value, or one for each face from
 /// the camera outwards.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(
     untagged,
     expecting = "glass.roughness must be a number, or a list of numbers with one for each face"
@@ -34,5 +37,31 @@ impl Roughness {
     /// Returns the largest value, 0 if there is none.
     pub fn largest(&self) -> f64 {
         self.values().iter().copied().fold(0.0, f64::max)
+    }
+}
+
+impl Keys for Roughness {
+    fn rows(at: &At<'static>, rows: &mut Vec<Row>) {
+        f64::rows(at, rows);
+    }
+
+    fn numbers(&self, at: &At<'_>, visit: &mut Visit<'_>) {
+        match self {
+            Self::All(alpha) => alpha.numbers(at, visit),
+            Self::Faces(alphas) => alphas.numbers(at, visit),
+        }
+    }
+}
+
+/// A recipe has one roughness for all faces.
+impl Drawn for Roughness {
+    type Recipe = Param;
+
+    fn params<'r>(recipe: &'r Param, at: &At<'_>, visit: &mut VisitParams<'_, 'r>) {
+        f64::params(recipe, at, visit);
+    }
+
+    fn draw(recipe: &Param, at: &At<'_>, draw: &dyn Drawing) -> Self {
+        Self::All(f64::draw(recipe, at, draw))
     }
 }

@@ -1,12 +1,13 @@
 //! `glasshouse.scene/1`: one scene of a manifest with all parameters resolved.
 
+use super::focus::{Focus, FocusRecipe};
 use super::glass::Glass;
-use super::image::{is_default, is_one, is_white, one, white};
+use super::keys::words_of_all_scenes;
 use super::layers::LayerSet;
 use super::sensor::Sensor;
 use super::side::Side;
-use super::smudges::Smudges;
 use crate::ids::SceneId;
+use glasshouse_keys::keys;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -81,63 +82,55 @@ impl SceneLine {
         let of_sides = sides.flat_map(|(name, side)| {
             side.paths().into_iter().map(move |(key, path)| (format!("{name}.{key}"), path))
         });
-        let map = self.glass.smudges.as_ref().and_then(Smudges::map);
+        let map = self.glass.smudges.as_ref().and_then(|smudges| smudges.map.as_ref());
         of_sides.chain(map.map(|map| (SMUDGES_MAP.to_owned(), map.as_str()))).collect()
     }
 
     /// Returns mutable references to the paths of [`Self::paths`].
     pub fn paths_mut(&mut self) -> Vec<&mut String> {
         let sides = [&mut self.front, &mut self.back].into_iter().flat_map(Side::paths_mut);
-        sides.chain(self.glass.smudges.as_mut().and_then(Smudges::map_mut)).collect()
+        sides.chain(self.glass.smudges.as_mut().and_then(|smudges| smudges.map.as_mut())).collect()
     }
 }
 
 /// The film and its sampling.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[keys(recipe = FilmRecipe)]
 pub struct Film {
-    /// Width, px.
+    /// Width of the film.
+    #[key("[1, 16384] px whole", recipe = 256.0)]
     pub width: u32,
-    /// Height, px.
+    /// Height of the film.
+    #[key("[1, 16384] px whole", recipe = 256.0)]
     pub height: u32,
-    /// Camera samples per pixel: a power of two, 1 to 65,536.
+    /// Camera samples per pixel.
+    #[key("[1, 65536] power of two", recipe = 256.0)]
     pub spp: u32,
-    /// Reconstruction filter.
-    #[serde(default)]
+    /// Reconstruction filter: `box`, the square of the pixel, or `gaussian`, with a sigma of 0.5 px, cut at 2 px.
+    #[key(default = Filter::Box, written)]
     pub filter: Filter,
     /// Target of adaptive sampling, linear radiance: each cell of 8 x 8 px takes samples, at most `spp`, until its RMS
     /// error in every layer is at most the target. Without a target, every pixel takes `spp` samples.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[key("(0, inf)")]
     pub target_error: Option<f64>,
-    /// Orders of the glass's reflection in R~; all if missing. The input always contains all orders.
-    #[serde(default, skip_serializing_if = "is_default")]
+    /// Orders of the glass's reflection in R~: `all`, or `first`, that of the front face. The input always contains all orders, so that
+    /// with `first` the ghosts stay in I - R~.
+    #[key(default = ReflectionOrders::All)]
     pub glass_reflection_orders: ReflectionOrders,
-    /// Layers to render; all four if missing.
-    #[serde(default, skip_serializing_if = "is_default")]
+    /// List of one or more of the layers `input`, `transmission`, `glass_reflection`, `clean_reflection`, and of the labels `coverage`,
+    /// `front_depth`, `ghosts`, `reflected_share`. Others are neither traced nor written.
+    #[key(default = LayerSet::default(), shown = "all four layers")]
     pub layers: LayerSet,
     /// Threshold for orders of the glass, linear radiance: an order other than t0 is dropped if its weight times
-    /// its side's largest radiance is below the threshold. Default: 7.6e-5, a quarter of an 8-bit sRGB step near black.
-    #[serde(
-        default = "Film::default_order_tolerance",
-        skip_serializing_if = "is_default_tolerance"
-    )]
+    /// its side's largest radiance is below the threshold. 0 traces all, with all samples.
+    // A quarter of an 8-bit sRGB step near black: 1 / 255 / 12.92 / 4, rounded.
+    #[key("[0, inf)", default = 7.6e-5)]
     pub order_tolerance: f64,
-    /// Precision of `tuple.exr`: half if all values allow it, or always float.
-    #[serde(default, skip_serializing_if = "is_default")]
+    /// Precision of `tuple.exr`: `half`, with float where a value exceeds 65,504, or `float`.
+    #[key(default = ExrPrecision::Half)]
     pub exr: ExrPrecision,
 }
 
-impl Film {
-    /// Returns a quarter of an 8-bit sRGB step near black: 1 / 255 / 12.92 / 4, rounded.
-    pub const fn default_order_tolerance() -> f64 {
-        7.6e-5
-    }
-}
-
-#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
-fn is_default_tolerance(value: &f64) -> bool {
-    *value == Film::default_order_tolerance()
-}
+words_of_all_scenes!(Filter, ReflectionOrders, ExrPrecision, LayerSet);
 
 /// The orders of the glass's reflection that belong to R~.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -173,51 +166,26 @@ pub enum Filter {
 }
 
 /// The thin lens, its focus, and the factors on all layers.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[keys(recipe = CameraRecipe)]
 pub struct Camera {
-    /// Focal length for a frame of 36 x 24 mm, with the frame's diagonal scaled to the film's diagonal.
+    /// Focal length for a frame of 36 x 24 mm, with the frame's diagonal of 43.267 mm scaled to the film's diagonal.
+    #[key("(0, inf) mm", recipe = 55.0, decides)]
     pub focal_length_mm: f64,
     /// Radius of the lens opening; 0 for a pinhole.
+    #[key("[0, inf) m", recipe = 0.00893, decides)]
     pub aperture_radius_m: f64,
-    /// Plane in focus.
+    /// Focal length divided by the diameter of the opening, for a 36 x 24 mm frame, in place of `aperture_radius_m`.
+    #[key("(0, inf)", recipe_only, decides)]
+    pub f_number: Option<f64>,
+    /// Plane in focus. In recipes metres, `"front_center"`, `"back_center"` (the reflected photograph's centre), `"glass"` (the pane's
+    /// front face), `"infinity"`, or a choice of these; in lines `{"distance_m": z}` or `{"at": "front_center"}` and so on. The centre
+    /// of a mesh is the first hit of the ray through the film's centre.
+    #[key("(0, inf) m", recipe = FocusRecipe::FrontCenter, decides)]
     pub focus: Focus,
     /// Factor on all four layers, like the exposure of a camera.
-    #[serde(default = "one", skip_serializing_if = "is_one")]
+    #[key("[0, inf)", default = 1.0, line_only)]
     pub exposure: f64,
     /// Factors on red, green and blue of all four layers, like the white balance of a camera.
-    #[serde(default = "white", skip_serializing_if = "is_white")]
+    #[key("[0, inf)", default = [1.0; 3], line_only)]
     pub white_balance: [f64; 3],
-}
-
-/// The plane in focus without the glass. The focus shift of the glass is not compensated.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(
-    untagged,
-    deny_unknown_fields,
-    expecting = r#"focus must be {"distance_m": z}, {"at": "front_center"}, {"at": "back_center"} or {"at": "infinity"}"#
-)]
-pub enum Focus {
-    /// A distance: `{"distance_m": z}`.
-    Distance {
-        /// Distance of the plane from the lens.
-        distance_m: f64,
-    },
-    /// A place in the scene: `{"at": "front_center"}`.
-    At {
-        /// Name of the place.
-        at: FocusAt,
-    },
-}
-
-/// A place in the scene that determines the focus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FocusAt {
-    /// Mean z of the four centre pixels of the front depth image, as published; for a mesh, z of the first hit of the
-    /// ray through the film's centre.
-    FrontCenter,
-    /// Mean z of the four centre pixels of the back depth image, mirrored in the pane; for a mesh, as for the front.
-    BackCenter,
-    Infinity,
 }

@@ -1,150 +1,82 @@
 //! Smudges on a pane: fingerprints, grease and dust.
 
-use super::error::{LineError, all_within};
-use super::image::{is_default, is_one, one};
-use serde::{Deserialize, Serialize};
+use super::error::LineError;
+use super::param::Param;
+use glasshouse_keys::keys;
 
 /// A smear on the front face that covers a part of it.
 ///
 /// A pattern gives the covered share of the face around each point; the point at which a camera ray enters decides for all its
 /// orders. Light that meets the smear finds face 0 with the smear's roughness in place of its own, and passes the smear once on its
 /// way to the front, and twice on its way to the back.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "SmudgeKeys", into = "SmudgeKeys")]
+#[keys(recipe = SmudgeRecipe)]
 pub struct Smudges {
-    pub pattern: SmudgePattern,
-    /// Beckmann's alpha of face 0 under the smear, 0 to 0.1.
+    /// Seed of the places and forms of the marks.
+    #[key(line_only)]
+    pub seed: Option<u64>,
+    /// Share of the pane with marks, which are random; 0 is clean. The inner halves of marks are covered, and the others less and less.
+    #[key("[0, 1]")]
+    pub coverage: Option<f64>,
+    /// Width of the largest marks.
+    // Smaller marks exceed the precision of the tracer's texel coordinates.
+    #[key("[0.001, 1000] m", recipe = Param::Constant(0.05))]
+    pub mark_m: Option<f64>,
+    /// Path of a grey picture of shares from 0 to 1, in place of marks; beyond it, the pane is clean. Relative to the manifest, or
+    /// `NAME:path` under a named root.
+    #[key(line_only)]
+    pub map: Option<String>,
+    /// Centre of the picture in the plane of the front face, in the coordinates of the outline.
+    #[key("[-1e9, 1e9] m", line_only)]
+    pub center_m: Option<[f64; 2]>,
+    /// Width of the picture; its height follows from its proportions.
+    #[key("(0, 1e9] m", line_only)]
+    pub width_m: Option<f64>,
+    /// Roughness of the front face under the smear, Beckmann's alpha.
+    #[key("[0, 0.1]", default = 0.0, recipe = 0.05)]
     pub roughness: f64,
-    /// Factor on the pattern: the share of the light that meets the smear where the pattern is 1.
+    /// Share of the light that meets the smear inside the marks.
+    #[key("[0, 1]", default = 1.0, recipe = 0.5)]
     pub haze: f64,
-    /// Share of the light that passes the smear.
+    /// Share of this light that passes the smear.
+    #[key("[0, 1]", default = 1.0, recipe = 0.95)]
     pub transmittance: f64,
 }
 
 /// The covered share of the front face at each of its points.
-#[derive(Clone, Debug, PartialEq)]
-pub enum SmudgePattern {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SmudgePattern<'s> {
     /// Marks of random places and forms, a function of the seed.
     Marks {
         seed: u64,
-        /// Share of the pane with marks; their inner halves are 1, and the others fall to 0.
+        /// Share of the pane with marks.
         coverage: f64,
         /// Width of the largest marks.
         mark_m: f64,
     },
-    /// A grey picture with shares from 0 to 1; beyond it, the pane is clean.
-    Map {
-        /// Path, relative to the manifest, or `NAME:path` under a named root.
-        map: String,
-        /// Centre in the plane of the front face, in the coordinates of [`super::Outline`].
-        center_m: [f64; 2],
-        /// Width of the picture; its height follows from its proportions.
-        width_m: f64,
-    },
-}
-
-/// The keys of [`Smudges`].
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SmudgeKeys {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    seed: Option<u64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    coverage: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    mark_m: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    map: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    center_m: Option<[f64; 2]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    width_m: Option<f64>,
-    #[serde(default, skip_serializing_if = "is_default")]
-    roughness: f64,
-    #[serde(default = "one", skip_serializing_if = "is_one")]
-    haze: f64,
-    #[serde(default = "one", skip_serializing_if = "is_one")]
-    transmittance: f64,
-}
-
-impl TryFrom<SmudgeKeys> for Smudges {
-    type Error = &'static str;
-
-    fn try_from(keys: SmudgeKeys) -> Result<Self, Self::Error> {
-        let SmudgeKeys { seed, coverage, mark_m, map, center_m, width_m, .. } = keys;
-        let pattern = match (seed, coverage, mark_m, map, center_m, width_m) {
-            (Some(seed), Some(coverage), Some(mark_m), None, None, None) => {
-                SmudgePattern::Marks { seed, coverage, mark_m }
-            }
-            (None, None, None, Some(map), Some(center_m), Some(width_m)) => {
-                SmudgePattern::Map { map, center_m, width_m }
-            }
-            _ => {
-                return Err(
-                    "glass.smudges must have either `seed`, `coverage` and `mark_m`, or `map`, `center_m` and `width_m`",
-                );
-            }
-        };
-        let SmudgeKeys { roughness, haze, transmittance, .. } = keys;
-        Ok(Self { pattern, roughness, haze, transmittance })
-    }
-}
-
-impl From<Smudges> for SmudgeKeys {
-    fn from(smudges: Smudges) -> Self {
-        let Smudges { pattern, roughness, haze, transmittance } = smudges;
-        let (mut marks, mut of_map) = ((None, None, None), (None, None, None));
-        match pattern {
-            SmudgePattern::Marks { seed, coverage, mark_m } => {
-                marks = (Some(seed), Some(coverage), Some(mark_m));
-            }
-            SmudgePattern::Map { map, center_m, width_m } => {
-                of_map = (Some(map), Some(center_m), Some(width_m));
-            }
-        }
-        let ((seed, coverage, mark_m), (map, center_m, width_m)) = (marks, of_map);
-        Self { seed, coverage, mark_m, map, center_m, width_m, roughness, haze, transmittance }
-    }
+    /// A grey picture.
+    Map { map: &'s str, center_m: [f64; 2], width_m: f64 },
 }
 
 impl Smudges {
-    /// Returns the path of the map, if there is one.
-    pub fn map(&self) -> Option<&String> {
-        match &self.pattern {
-            SmudgePattern::Map { map, .. } => Some(map),
-            SmudgePattern::Marks { .. } => None,
-        }
-    }
-
-    /// Returns [`Self::map`] for changes.
-    pub fn map_mut(&mut self) -> Option<&mut String> {
-        match &mut self.pattern {
-            SmudgePattern::Map { map, .. } => Some(map),
-            SmudgePattern::Marks { .. } => None,
+    /// Returns the pattern; `None` for keys of neither or of both, which [`super::SceneLine::validate`] refuses.
+    pub fn pattern(&self) -> Option<SmudgePattern<'_>> {
+        let Self { seed, coverage, mark_m, map, center_m, width_m, .. } = self;
+        match (*seed, *coverage, *mark_m, map, *center_m, *width_m) {
+            (Some(seed), Some(coverage), Some(mark_m), None, None, None) => {
+                Some(SmudgePattern::Marks { seed, coverage, mark_m })
+            }
+            (None, None, None, Some(map), Some(center_m), Some(width_m)) => {
+                Some(SmudgePattern::Map { map, center_m, width_m })
+            }
+            _ => None,
         }
     }
 
     pub(super) fn check(&self) -> Result<(), LineError> {
-        if self.map().is_some_and(String::is_empty) {
+        if self.map.as_ref().is_some_and(String::is_empty) {
             return Err(LineError::EmptyPath { field: "glass.smudges.map".to_owned() });
         }
-        let of_pattern: &[(&str, &[f64])] = match &self.pattern {
-            SmudgePattern::Marks { coverage, mark_m, .. } => {
-                &[("coverage", &[*coverage]), ("mark_m", &[*mark_m])]
-            }
-            SmudgePattern::Map { center_m, width_m, .. } => {
-                &[("center_m", center_m), ("width_m", &[*width_m])]
-            }
-        };
-        all_within("glass.smudges", of_pattern)?;
-        all_within(
-            "glass.smudges",
-            &[
-                ("roughness", &[self.roughness]),
-                ("haze", &[self.haze]),
-                ("transmittance", &[self.transmittance]),
-            ],
-        )
+        self.pattern().map_or(Err(LineError::SmudgePattern), |_| Ok(()))
     }
 }
 

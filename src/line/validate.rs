@@ -3,12 +3,13 @@
 use super::card::Card;
 use super::coating;
 use super::depth_range;
-use super::error::{LineError, all_within};
+use super::error::{LineError, all_within, check_section};
 use super::glass::{Glass, GlassLayer};
+use super::glazing::GlazingName;
 use super::image::DepthKind;
 use super::panorama::{PanoramaDepth, PanoramaFile};
 use super::photograph::Photograph;
-use super::scene_line::{Focus, SCENE_SCHEMA, SceneLine};
+use super::scene_line::{SCENE_SCHEMA, SceneLine};
 use super::sensor::Sensor;
 use super::side::{MeshFile, Side};
 use super::smudges::Smudges;
@@ -21,44 +22,11 @@ impl SceneLine {
             return Err(LineError::Schema { found: self.schema.clone() });
         }
         let (film, camera, glass) = (&self.film, &self.camera, &self.glass);
-        all_within(
-            "film",
-            &[
-                ("width", &[film.width.into()]),
-                ("height", &[film.height.into()]),
-                ("spp", &[film.spp.into()]),
-                ("order_tolerance", &[film.order_tolerance]),
-                ("target_error", film.target_error.as_slice()),
-            ],
-        )?;
-        let focus_distance_m = match camera.focus {
-            Focus::Distance { distance_m } => Some(distance_m),
-            Focus::At { .. } => None,
-        };
-        all_within(
-            "camera",
-            &[
-                ("focal_length_mm", &[camera.focal_length_mm]),
-                ("aperture_radius_m", &[camera.aperture_radius_m]),
-                ("exposure", &[camera.exposure]),
-                ("white_balance", &camera.white_balance),
-                ("focus.distance_m", focus_distance_m.as_slice()),
-            ],
-        )?;
+        check_section(film, "film")?;
+        check_section(camera, "camera")?;
+        check_section(glass, "glass")?;
         glazing(glass)?;
         layers(glass)?;
-        let thickness_m = [glass.thickness_m];
-        all_within(
-            "glass",
-            &[
-                ("distance_m", &[glass.distance_m]),
-                // The sum of layers may exceed the limit of each.
-                ("thickness_m", if glass.layers.is_empty() { &thickness_m } else { &[] }),
-                ("ior", &[glass.ior]),
-                ("absorption_per_m", &glass.absorption_per_m),
-                ("tilt_deg", &glass.tilt_deg),
-            ],
-        )?;
         coating::check(&glass.coatings, glass.layers.len().max(1))?;
         bow(glass)?;
         wave(glass)?;
@@ -86,7 +54,9 @@ const MAX_NAME: usize = 64;
 fn glazing(glass: &Glass) -> Result<(), LineError> {
     let is_allowed = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit() || b".-".contains(&c);
     match &glass.glazing {
-        Some(name) if !(1..=MAX_NAME).contains(&name.len()) || !name.bytes().all(is_allowed) => {
+        Some(GlazingName(name))
+            if !(1..=MAX_NAME).contains(&name.len()) || !name.bytes().all(is_allowed) =>
+        {
             Err(LineError::GlazingName { found: name.clone(), most: MAX_NAME })
         }
         _ => Ok(()),
@@ -96,27 +66,26 @@ fn glazing(glass: &Glass) -> Result<(), LineError> {
 /// Largest number of layers of a pane.
 const MAX_LAYERS: usize = 16;
 
+/// Checks that either layers, or thickness and index are given.
 fn layers(glass: &Glass) -> Result<(), LineError> {
     let found = glass.layers.len();
     if found > MAX_LAYERS {
         return Err(LineError::Layers { found, most: MAX_LAYERS });
     }
-    for (index, layer) in glass.layers.iter().enumerate() {
-        let section = format!("glass.layers[{index}]");
-        match layer {
-            GlassLayer::Gap { gap_m, .. } => all_within(&section, &[("gap_m", &[*gap_m])])?,
-            GlassLayer::Glass { glass_m, ior, absorption_per_m, .. } => all_within(
-                &section,
-                &[
-                    ("glass_m", &[*glass_m]),
-                    ("ior", &[*ior]),
-                    ("absorption_per_m", absorption_per_m),
-                ],
-            )?,
-        }
-        all_within(&section, &[("wedge_deg", &layer.wedge_deg())])?;
+    let plain = [
+        ("thickness_m", glass.thickness_m.is_some()),
+        ("ior", glass.ior.is_some()),
+        ("absorption_per_m", glass.absorption_per_m.is_some()),
+    ];
+    if glass.layers.is_empty() {
+        let missing = plain[..2].iter().find(|(_, is_given)| !is_given);
+        return missing.map_or(Ok(()), |(key, _)| Err(LineError::NoMake { key }));
     }
-    Ok(())
+    if let Some((key, _)) = plain.iter().find(|(_, is_given)| *is_given) {
+        return Err(LineError::TwoMakes { key });
+    }
+    let has_glass = glass.layers.iter().any(|layer| matches!(layer, GlassLayer::Glass { .. }));
+    if has_glass { Ok(()) } else { Err(LineError::NoGlass) }
 }
 
 fn bow(glass: &Glass) -> Result<(), LineError> {
@@ -143,7 +112,6 @@ fn roughness(glass: &Glass) -> Result<(), LineError> {
         return Ok(());
     };
     let (faces, found) = (glass.layers.len().max(1) + 1, roughness.values().len());
-    all_within("glass", &[("roughness", roughness.values())])?;
     match roughness.of_faces(faces) {
         Some(_) => Ok(()),
         None => Err(LineError::FacesOfRoughness { found, faces }),
@@ -483,7 +451,7 @@ mod tests {
         type Spoil = fn(&mut SceneLine);
         let cases: [(Spoil, &str); 5] = [
             (|l| l.glass.distance_m = f64::INFINITY, "glass.distance_m is inf"),
-            (|l| l.glass.ior = f64::NAN, "glass.ior is NaN"),
+            (|l| l.glass.ior = Some(f64::NAN), "glass.ior is NaN"),
             (|l| photograph(&mut l.back).exposure = f64::NAN, "back.exposure is NaN"),
             (|l| photograph(&mut l.back).intrinsics.cx = f64::NAN, "back.intrinsics.cx is NaN"),
             (|l| l.schema = "glasshouse.scene/2".into(), "schema is \"glasshouse.scene/2\""),

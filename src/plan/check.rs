@@ -5,7 +5,7 @@
 
 use super::inputs::{InputFiles, StoreUnavailable};
 use glasshouse_line::ids::SceneId;
-use glasshouse_line::{Photograph, Roots, SceneLine, Side, Smudges, is_url};
+use glasshouse_line::{Photograph, Roots, SceneLine, Side, is_url};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use render::formats::{NamedBytes, PictureSize};
 use render::input_file::{InputFile, MAX_FILE_BYTES};
@@ -326,7 +326,7 @@ fn place_of(path: &str) -> &str {
 }
 
 fn files_of(line: &SceneLine) -> impl Iterator<Item = (&str, FileRole)> {
-    let map = line.glass.smudges.as_ref().and_then(Smudges::map);
+    let map = line.glass.smudges.as_ref().and_then(|smudges| smudges.map.as_ref());
     let map = map.map(|map| (map.as_str(), FileRole::Smudges));
     [&line.front, &line.back].into_iter().flat_map(roles).chain(map)
 }

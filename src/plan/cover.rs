@@ -1,6 +1,6 @@
 //! `[cover]` of a recipe: what stands in the way of the window, and how often.
 
-use super::param::Param;
+use glasshouse_line::param::Param;
 use procedural::CoverKind;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;

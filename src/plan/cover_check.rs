@@ -1,9 +1,9 @@
 //! Checks `[cover]` of a recipe before any scene is drawn.
 
 use super::cover::CoverRecipe;
-use super::param::Param;
 use super::recipe_check::bad;
 use super::recipe_error::RecipeError;
+use glasshouse_line::param::Param;
 
 impl CoverRecipe {
     /// Checks shares, numbers of pictures and edges. The table of limits covers the other numbers.

@@ -1,7 +1,7 @@
 //! Draws the covers of a scene line: cards that clear the pane, and the frame of the window.
 
 use super::cover::{CoverRecipe, FrameRecipe, PhotographerRecipe, ScreenRecipe};
-use super::draw::{Draw, nine_digits};
+use super::draw::{Draw, Drawing, nine_digits};
 use super::light::DrawnLight;
 use super::procedural_inputs::cover_path;
 use super::recipe_error::CoverError;
@@ -146,7 +146,7 @@ impl Pane {
         Self {
             normal: [normal.x, normal.y, normal.z],
             distance_m: line.glass.distance_m * normal.z,
-            thickness_m: line.glass.thickness_m,
+            thickness_m: line.glass.total_thickness_m(),
         }
     }
 

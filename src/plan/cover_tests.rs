@@ -94,7 +94,7 @@ fn cards_clear_the_pane_and_keep_their_place_in_the_view() {
         let [blind] = line.front.cards() else { panic!("{line:?}") };
         let least =
             corners(blind, 1.25, blind.distance_m).into_iter().fold(f64::INFINITY, f64::min);
-        assert!((least - line.glass.thickness_m - 0.05).abs() < 1e-8, "{least}");
+        assert!((least - line.glass.total_thickness_m() - 0.05).abs() < 1e-8, "{least}");
         let view = half_view * blind.distance_m;
         assert!((blind.width_m / (2.0 * view) - 1.5).abs() < 1e-8);
         assert!((blind.center_m[0] / view + 0.2).abs() < 1e-8);

@@ -4,14 +4,16 @@ use super::assign::{AssignedScene, Assignment, Drawn, spread};
 use super::cover_draw::SceneCover;
 use super::diode::SourceImage;
 use super::draw::{Draw, scene_seed};
+use super::glass::draw_glass;
 use super::light::{WhiteBalance, gains_against};
 use super::pair::Pair;
-use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::{RecipeError, RefusedDraw};
 use super::sections::{camera, film, illuminants_k, light, side};
 use super::source::Layout;
 use super::source_values::source_values;
+use glasshouse_line::keys::Number;
+use glasshouse_line::param::OneOf;
 use glasshouse_line::{Apex, Focus, SCENE_SCHEMA, SceneLine, Side};
 use render::scene::check_geometry;
 use std::collections::{BTreeMap, BTreeSet};
@@ -107,7 +109,7 @@ pub(super) fn draw_line(
         seed: scene_seed(dataset_seed, id.as_str()),
         film: film(recipe, first),
         camera: camera(recipe, first),
-        glass: recipe.glass.draw(first),
+        glass: draw_glass(&recipe.glass, first),
         front,
         back,
         sensor: recipe.sensor.as_ref().map(|sensor| sensor.draw(first)),
@@ -118,9 +120,9 @@ pub(super) fn draw_line(
         light: [front_light, back_light],
         own_cards: [line.front.cards().len(), line.back.cards().len()],
     });
-    let deciding = geometry_params(recipe);
-    let names = recipe.glass.glazings();
-    let is_constant = deciding.iter().all(|(_, param)| param.is_constant())
+    let deciding = deciding_numbers(recipe);
+    let names = recipe.glass.glazing.as_ref().map(|OneOf(names)| names);
+    let is_constant = deciding.iter().all(|number| number.param.is_constant())
         && names.is_none_or(|names| names.values.len() == 1)
         && recipe.cover.is_none();
     let attempts = if is_constant { 1 } else { MAX_ATTEMPTS };
@@ -134,7 +136,7 @@ pub(super) fn draw_line(
     for attempt in from..from + attempts {
         line.camera = camera(recipe, draw_of(attempt));
         line.camera.white_balance = white_balance;
-        line.glass = recipe.glass.draw(draw_of(attempt));
+        line.glass = draw_glass(&recipe.glass, draw_of(attempt));
         if let Some(Err(misfit)) =
             cover.as_ref().map(|cover| cover.draw(draw_of(attempt), &mut line))
         {
@@ -157,7 +159,7 @@ pub(super) fn draw_line(
         attempts,
         ranges: deciding
             .iter()
-            .map(|(name, param)| format!("{name} ({param})"))
+            .map(|Number { path, param, .. }| format!("{path} ({param})"))
             .chain(names.map(|names| format!("glass.glazing ({names})")))
             .collect::<Vec<_>>()
             .join(", "),
@@ -165,22 +167,13 @@ pub(super) fn draw_line(
     })
 }
 
-/// Returns the parameters that decide whether pane, lens and film fit together.
-fn geometry_params(recipe: &Recipe) -> Vec<(String, &Param)> {
+/// Returns the numbers that decide whether pane, lens and film fit together.
+fn deciding_numbers(recipe: &Recipe) -> Vec<Number<'_>> {
     let has_f_number = recipe.camera.f_number.is_some();
-    let decides = |key: &str| match key {
-        "camera.aperture_radius_m" => !has_f_number,
-        "camera.f_number"
-        | "camera.focal_length_mm"
-        | "camera.focus"
-        | "glass.distance_m"
-        | "glass.roughness"
-        | "glass.bow_radius_m" => true,
-        _ => ["glass.tilt_deg", "glass.wedge_deg", "cover."].iter().any(|k| key.starts_with(k)),
+    let decides = |number: &Number<'_>| {
+        number.decides && !(has_f_number && number.path == "camera.aperture_radius_m")
     };
-    let mut params = recipe.params();
-    params.retain(|(key, _)| decides(key));
-    params
+    recipe.numbers().into_iter().filter(decides).collect()
 }
 
 #[cfg(test)]
@@ -278,7 +271,7 @@ mod tests {
         let digest = blake3::hash(to_jsonl(&lines).as_bytes()).to_hex();
         assert_eq!(
             (lines[0].seed, lines[0].glass.ior, &digest[..16]),
-            (2_673_717_074_845_612, 1.60614171, "d05b8d469912d095")
+            (2_673_717_074_845_612, Some(1.60614171), "d05b8d469912d095")
         );
     }
 
@@ -326,7 +319,7 @@ mod tests {
         .unwrap();
         assert_ne!(plain, more);
         for line in &mut more {
-            line.glass.absorption_per_m = [0.0; 3];
+            line.glass.absorption_per_m = Some([0.0; 3]);
         }
         assert_eq!(plain, more);
     }
@@ -381,7 +374,7 @@ mod tests {
         let images = sources["diode"].clone();
         for line in expand(&recipe, &sources).unwrap() {
             let image = images.iter().find(|i| line.front.name().ends_with(&i.color));
-            assert_eq!(line.glass.ior, image.unwrap().values["glass.ior"]);
+            assert_eq!(line.glass.ior, Some(image.unwrap().values["glass.ior"]));
             assert_eq!(line.back.exposure(), 1.0);
         }
 

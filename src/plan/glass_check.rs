@@ -1,117 +1,110 @@
 //! Checks `[glass]` of a recipe: keys that exclude each other, and ranges beyond those of single numbers.
 
 use super::cover_check::check_edges;
-use super::glass::{GlassRecipe, OutlineRecipe};
-use super::glazing::named;
-use super::param::Param;
 use super::recipe_check::bad;
 use super::recipe_error::RecipeError;
-use glasshouse_line::{MAX_WAVE_SLOPE, Wave};
-use serde::Deserialize;
-use std::collections::BTreeMap;
+use glasshouse_line::param::{OneOf, Param};
+use glasshouse_line::{GlassRecipe, KnownGlazing, MAX_WAVE_SLOPE, Wave};
 
-impl GlassRecipe {
-    /// Refuses a recipe whose text gives a glazing together with a key that the glazing replaces. The parsed recipe does not
-    /// show whether a key is given, because it has defaults.
-    pub(super) fn check_given(&self, text: &str) -> Result<(), RecipeError> {
-        #[derive(Deserialize)]
-        struct Given {
-            glass: BTreeMap<String, toml::Value>,
-        }
-        if self.glazing.is_none() {
-            return Ok(());
-        }
-        let given: Given = toml::from_str(text).map_err(Box::new)?;
-        let replaced = ["thickness_m", "ior", "absorption_per_m"];
-        match replaced.into_iter().find(|key| given.glass.contains_key(*key)) {
-            None => Ok(()),
-            Some(key) => bad(
-                "glass.glazing",
-                format!(
-                    "names the layers of the pane, and glass.{key} is given, too: remove one of them"
-                ),
-            ),
-        }
+/// Checks what the declarations of the keys do not know.
+pub(super) fn check_glass(glass: &GlassRecipe) -> Result<(), RecipeError> {
+    check_glazing(glass)?;
+    check_bow(glass)?;
+    check_wave(glass)?;
+    if glass.wedge_deg.is_some() && glass.bow_radius_m.is_some() {
+        return bad("glass.wedge_deg", "and glass.bow_radius_m are both given: remove one");
     }
-
-    /// Checks what the table of limits does not know.
-    pub(super) fn check(&self) -> Result<(), RecipeError> {
-        self.check_bow()?;
-        self.check_wave()?;
-        if self.wedge_deg.is_some() && self.bow_radius_m.is_some() {
-            return bad("glass.wedge_deg", "and glass.bow_radius_m are both given: remove one");
-        }
-        self.outline.as_ref().map_or(Ok(()), OutlineRecipe::check)
+    if glass.smudges.as_ref().is_some_and(|smudges| smudges.coverage.is_none()) {
+        return bad(
+            "glass.smudges",
+            "missing field `coverage`: give the share of the pane with marks",
+        );
     }
+    let Some(outline) = &glass.outline else {
+        return Ok(());
+    };
+    for (key, [low, high]) in [("x_m", &outline.x_m), ("y_m", &outline.y_m)] {
+        check_edges(&format!("glass.outline.{key}"), low, high)?;
+    }
+    Ok(())
+}
 
-    fn check_wave(&self) -> Result<(), RecipeError> {
-        const KEY: &str = "glass.wave";
-        let Some(wave) = &self.wave else {
-            return Ok(());
-        };
-        if self.bow_radius_m.is_some() {
-            return bad(KEY, "and glass.bow_radius_m are both given: remove one");
-        }
-        if [&wave.amplitude_m, &wave.length_m].contains(&&Param::FromSource) {
-            // The waves of each photograph are checked with its scene line.
-            return Ok(());
-        }
-        let (amplitude_m, length_m) = (wave.amplitude_m.bounds().1, wave.length_m.bounds().0);
-        let slope = Wave { amplitude_m, length_m, direction_deg: 0.0 }.largest_slope();
-        if slope <= MAX_WAVE_SLOPE {
-            return Ok(());
-        }
-        bad(
-            KEY,
+/// Refuses a glazing together with a key that it replaces.
+fn check_glazing(glass: &GlassRecipe) -> Result<(), RecipeError> {
+    let replaced = [
+        ("thickness_m", glass.thickness_m.is_some()),
+        ("ior", glass.ior.is_some()),
+        ("absorption_per_m", glass.absorption_per_m.is_some()),
+    ];
+    match replaced.into_iter().find(|(_, is_given)| *is_given) {
+        Some((key, _)) if glass.glazing.is_some() => bad(
+            "glass.glazing",
             format!(
-                "can have slopes of {slope:.3}, with an amplitude of {amplitude_m} m and a length of {length_m} m, but at \
-                 most {MAX_WAVE_SLOPE} are allowed: reduce amplitude_m, or increase length_m"
+                "names the layers of the pane, and glass.{key} is given, too: remove one of them"
             ),
-        )
-    }
-
-    fn check_bow(&self) -> Result<(), RecipeError> {
-        const KEY: &str = "glass.bow_radius_m";
-        let Some(radius) = &self.bow_radius_m else {
-            return Ok(());
-        };
-        let names = self.glazings().map_or(&[][..], |names| &names.values);
-        let is_stack = |name: &&String| named(name).is_some_and(|glazing| !glazing.is_plain());
-        if let Some(name) = names.iter().find(is_stack) {
-            return bad(
-                KEY,
-                format!(
-                    "bends single uncoated panes only, but glass.glazing can be {name:?}: remove {KEY}, or take this \
-                     name out of glass.glazing"
-                ),
-            );
-        }
-        let (least, most) = radius.bounds();
-        let can_be_0 = match radius {
-            Param::Choice(choice) => choice.values.contains(&0.0),
-            Param::FromSource => false,
-            _ => (least..=most).contains(&0.0),
-        };
-        if can_be_0 {
-            return bad(
-                KEY,
-                format!(
-                    "({radius}) can be 0, but must stay above or below 0: leave it out for flat panes, and list radii of \
-                     both signs in a choice"
-                ),
-            );
-        }
-        Ok(())
+        ),
+        _ => Ok(()),
     }
 }
 
-impl OutlineRecipe {
-    fn check(&self) -> Result<(), RecipeError> {
-        for (key, [low, high]) in [("x_m", &self.x_m), ("y_m", &self.y_m)] {
-            check_edges(&format!("glass.outline.{key}"), low, high)?;
-        }
-        Ok(())
+fn check_wave(glass: &GlassRecipe) -> Result<(), RecipeError> {
+    const KEY: &str = "glass.wave";
+    let Some(wave) = &glass.wave else {
+        return Ok(());
+    };
+    if glass.bow_radius_m.is_some() {
+        return bad(KEY, "and glass.bow_radius_m are both given: remove one");
     }
+    if [&wave.amplitude_m, &wave.length_m].contains(&&Param::FromSource) {
+        // The waves of each photograph are checked with its scene line.
+        return Ok(());
+    }
+    let (amplitude_m, length_m) = (wave.amplitude_m.bounds().1, wave.length_m.bounds().0);
+    let slope = Wave { amplitude_m, length_m, direction_deg: 0.0 }.largest_slope();
+    if slope <= MAX_WAVE_SLOPE {
+        return Ok(());
+    }
+    bad(
+        KEY,
+        format!(
+            "can have slopes of {slope:.3}, with an amplitude of {amplitude_m} m and a length of {length_m} m, but at \
+             most {MAX_WAVE_SLOPE} are allowed: reduce amplitude_m, or increase length_m"
+        ),
+    )
+}
+
+fn check_bow(glass: &GlassRecipe) -> Result<(), RecipeError> {
+    const KEY: &str = "glass.bow_radius_m";
+    let Some(radius) = &glass.bow_radius_m else {
+        return Ok(());
+    };
+    let names = glass.glazing.as_ref().map_or(&[][..], |OneOf(names)| &names.values);
+    let is_stack = |name: &&KnownGlazing| !name.glazing().is_plain();
+    if let Some(name) = names.iter().find(is_stack) {
+        return bad(
+            KEY,
+            format!(
+                "bends single uncoated panes only, but glass.glazing can be {name:?}: remove {KEY}, or take this \
+                 name out of glass.glazing"
+            ),
+        );
+    }
+    let (least, most) = radius.bounds();
+    let can_be_0 = match radius {
+        Param::Choice(choice) => choice.values.contains(&0.0),
+        Param::FromSource => false,
+        _ => (least..=most).contains(&0.0),
+    };
+    if can_be_0 {
+        return bad(
+            KEY,
+            format!(
+                "({radius}) can be 0, but must stay above or below 0: leave it out for flat panes, and list radii of \
+                 both signs in a choice"
+            ),
+        );
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -131,10 +124,10 @@ mod tests {
         for (keys, message) in [
             ("glazing = \"single-5\"", "unknown glazing \"single-5\", expected one of "),
             ("glazing = \"single-5\"", "line 15"),
-            ("glazing = 4", "expected the name of a glazing, or { choice = [names]"),
-            ("glazing = {}", "expected the name of a glazing"),
+            ("glazing = 4", "expected a name, or { choice = [names]"),
+            ("glazing = {}", "expected a name, or {"),
             ("glazing = { choise = [\"single-4\"] }", "unknown field `choise`, expected `choice`"),
-            ("glazing = { choice = [] }", "choice must list one or more names of glazings"),
+            ("glazing = { choice = [] }", "choice must list one or more names"),
             (
                 "glazing = { choice = [\"single-4\", \"window\"] }",
                 "unknown glazing \"window\", expected one of ",

@@ -10,8 +10,8 @@
 //!
 //! and the shares are |r|^2 and |t|^2 eta_last / eta_first (Macleod, *Thin-Film Optical Filters*), their means over s and p.
 
-use super::glazing::glazings;
 use glasshouse_line::Shares;
+use glasshouse_line::glazings;
 use std::ops::{Add, Div, Mul, Sub};
 
 /// A complex number.

@@ -1,11 +1,11 @@
 //! Checks the file of glazings, and docs/glass.md against it.
 
 use super::expand::expand;
-use super::glazing::{Glazing, glazings};
 use super::recipe::Recipe;
 use super::recipe::tests::PAPER;
 use super::split::tests::set;
-use glasshouse_line::GlassLayer;
+use glasshouse_line::{GlassLayer, GlazingName};
+use glasshouse_line::{Glazing, glazings};
 use render::scene::coating_of;
 use render::trace::{Stack, StackLayer};
 use std::collections::BTreeSet;
@@ -20,7 +20,7 @@ fn every_glazing_makes_a_valid_line() {
         recipe.splits.iter_mut().for_each(|split| split.pairs = [("diode".to_owned(), 1)].into());
         // Expansion validates each line.
         for line in expand(&recipe, &sources).unwrap() {
-            assert_eq!(line.glass.glazing.as_ref(), Some(name));
+            assert_eq!(line.glass.glazing, Some(GlazingName(name.clone())));
             assert_eq!(line.glass.layers.is_empty(), glazing.layers.len() == 1, "{name}");
             assert_eq!(
                 (&line.glass.coatings, &line.glass.roughness),
@@ -126,7 +126,7 @@ fn the_example_of_the_document_is_valid() {
     let (example, _) = example.split_once("```").unwrap();
     let pane = "[glass]\ndistance_m = 0.30\nthickness_m = 0.010\nior = 1.6\n";
     let recipe = Recipe::parse(&PAPER.replacen(pane, example, 1)).unwrap();
-    assert_eq!(recipe.glass.glazings().unwrap().values.len(), 3);
+    assert_eq!(recipe.glass.glazing.unwrap().0.values.len(), 3);
     assert!(recipe.glass.roughness.is_some() && recipe.glass.outline.is_some());
 }
 

@@ -1,11 +1,10 @@
 //! Planning: turns a recipe (distributions) into scene lines (`glasshouse_line`), one resolved scene per line.
 //!
 //! ```text
-//! recipe, source, param, choice, focus, glass, light, train_recipe, training   the TOML file
+//! recipe, source, numbers, glass, light, train_recipe, training   the TOML file; its keys are those of glasshouse_line
 //! recipe_check, source_check, glass_check, cover_check, training_check, recipe_schema   its rules
-//! glazing                                         the named panes of glazings.toml
 //! sketch                                          assumed shapes of pictures without depth
-//! sensor, sensor_model, sensor_check, one_of      the camera of the photographs, and the sensors of sensors.toml
+//! sensor, sensor_model, sensor_check              the camera of the photographs, and the sensors of sensors.toml
 //! cover, cover_draw                               what stands in the way of the window
 //! diode, places, list, folder                     list the photographs of a source
 //! copies                                          photographs with several names
@@ -21,7 +20,6 @@
 
 mod assign;
 mod check;
-mod choice;
 mod content;
 mod copies;
 mod cost;
@@ -35,25 +33,24 @@ mod drafting;
 mod draw;
 mod draw_scenes;
 mod expand;
-mod focus;
 mod folder;
 mod glass;
 mod glass_check;
 #[cfg(test)]
 mod glass_tests;
-mod glazing;
 #[cfg(test)]
 mod glazing_films_tests;
 #[cfg(test)]
 mod glazing_tests;
 mod inputs;
 mod light;
+#[cfg(test)]
+mod limits_tests;
 mod list;
-mod one_of;
+mod numbers;
 #[cfg(test)]
 mod one_photograph_tests;
 mod pair;
-mod param;
 mod places;
 mod preset;
 mod preview;
@@ -86,7 +83,6 @@ pub use diode::{FolderError, IndexError};
 pub use drafting::{Drafted, draft};
 pub use draw_scenes::{RejectedScene, read_rejected, rejected_lines};
 pub use folder::{FolderOptions, FolderPicture, FolderPictures, folder_pictures};
-pub use glazing::{Glazing, Glazings, glazings};
 pub use inputs::{InputFiles, LocalFiles, StoreUnavailable};
 pub use list::{PHOTOGRAPH_SCHEMA, parse_list};
 pub use places::{DEPTH_RANGES_SCHEMA, DepthRanges};

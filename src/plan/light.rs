@@ -1,7 +1,7 @@
 //! `[light]` and `[reject]` of a recipe: luminance scale, white balance, exposure, and the bounds of accepted scenes.
 
 use super::draw::nine_digits;
-use super::param::Param;
+use glasshouse_line::param::Param;
 use schemars::JsonSchema;
 use serde::Deserialize;
 

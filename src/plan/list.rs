@@ -4,7 +4,7 @@
 //! with paths relative to the source's root, and the keys `place`, `scan` (optional) and `values` (optional).
 
 use super::diode::{Index, IndexError, SourceImage};
-use super::param::PARAMETERS;
+use super::numbers::is_number;
 use glasshouse_line::{Side, is_url, validate_side};
 use procedural::Place;
 use serde::Deserialize;
@@ -73,7 +73,7 @@ fn parse_line(json: &str) -> Result<SourceImage, String> {
             listed.schema
         ));
     }
-    if let Some(key) = listed.values.keys().find(|key| !PARAMETERS.contains(&key.as_str())) {
+    if let Some(key) = listed.values.keys().find(|key| !is_number(key)) {
         return Err(format!(
             "unknown field `values.{key}`, expected the name of a recipe's parameter, such as `camera.focal_length_mm`"
         ));

@@ -1,16 +1,18 @@
 //! `glasshouse.recipe/1`: the distributions of a data set. Defaults are the paper's constants.
 
 use super::cover::CoverRecipe;
-use super::focus::FocusRecipe;
-use super::glass::GlassRecipe;
 use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
-use super::param::Param;
 use super::places::depth_root;
 use super::recipe_error::RecipeError;
 use super::sensor::SensorRecipe;
 use super::source::{Layout, Source};
 use super::train_recipe::Trainings;
-use glasshouse_line::{Apex, ExrPrecision, Film, Filter, LayerSet, ReflectionOrders, Roots, Split};
+use glasshouse_line::keys::{Number, numbers_of};
+use glasshouse_line::limits::limit_of;
+use glasshouse_line::param::Param;
+use glasshouse_line::{
+    Apex, Camera, CameraRecipe, Film, FilmRecipe, Glass, GlassRecipe, Roots, Split,
+};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -65,71 +67,6 @@ pub struct Recipe {
 
 pub(super) fn default_seed() -> u64 {
     2020
-}
-
-/// `[film]`: size, samples and layers.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct FilmRecipe {
-    /// Width, px: a constant or a choice of whole numbers. Default 256.
-    pub width: Param,
-    /// Height, px: a constant or a choice of whole numbers. Default 256.
-    pub height: Param,
-    /// Camera samples per pixel: a constant or a choice of powers of two. Default 256.
-    pub spp: Param,
-    /// Reconstruction filter. Default box.
-    pub filter: Filter,
-    /// Linear radiance below which orders of the glass are dropped. Default 7.6e-5.
-    pub order_tolerance: Param,
-    /// Precision of `tuple.exr`. Default half.
-    pub exr: ExrPrecision,
-    /// Linear RMS error at which a cell of 8 x 8 px stops sampling. Default none: all pixels take `spp` samples.
-    pub target_error: Option<f64>,
-    /// Reflected orders of the glass in R~: `all` (default) or `first`.
-    pub glass_reflection_orders: ReflectionOrders,
-    /// Layers to render. Default all four.
-    pub layers: LayerSet,
-}
-
-impl Default for FilmRecipe {
-    fn default() -> Self {
-        Self {
-            width: Param::Constant(256.0),
-            height: Param::Constant(256.0),
-            spp: Param::Constant(256.0),
-            filter: Filter::Box,
-            order_tolerance: Param::Constant(Film::default_order_tolerance()),
-            exr: ExrPrecision::Half,
-            target_error: None,
-            glass_reflection_orders: ReflectionOrders::All,
-            layers: LayerSet::default(),
-        }
-    }
-}
-
-/// `[camera]`: lens and focus.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct CameraRecipe {
-    /// Focal length, mm, for the 43.267 mm diagonal of a 36 x 24 mm frame. Default 55.
-    pub focal_length_mm: Param,
-    /// Radius of the lens opening, m. Default 0.00893.
-    pub aperture_radius_m: Param,
-    /// Focal length divided by the diameter of the opening, for a 36 x 24 mm frame. Replaces `aperture_radius_m`.
-    pub f_number: Option<Param>,
-    /// The plane in focus. Default `"front_center"`.
-    pub focus: FocusRecipe,
-}
-
-impl Default for CameraRecipe {
-    fn default() -> Self {
-        Self {
-            focal_length_mm: Param::Constant(55.0),
-            aperture_radius_m: Param::Constant(0.00893),
-            f_number: None,
-            focus: FocusRecipe::FrontCenter,
-        }
-    }
 }
 
 /// `[front]`: light of the front.
@@ -214,39 +151,29 @@ impl BackRecipe {
 }
 
 impl Recipe {
-    /// Returns all numbers that scenes draw, with their keys.
-    pub fn params(&self) -> Vec<(String, &Param)> {
-        let (film, camera) = (&self.film, &self.camera);
-        let mut params: Vec<(String, &Param)> = [
-            ("film.width", &film.width),
-            ("film.height", &film.height),
-            ("film.spp", &film.spp),
-            ("film.order_tolerance", &film.order_tolerance),
-            ("camera.focal_length_mm", &camera.focal_length_mm),
-            ("camera.aperture_radius_m", &camera.aperture_radius_m),
-        ]
-        .map(|(key, param)| (key.to_owned(), param))
-        .into();
-        if let Some(param) = &camera.f_number {
-            params.push(("camera.f_number".to_owned(), param));
-        }
-        for focus in camera.focus.each() {
-            if let FocusRecipe::DistanceM(param) = focus {
-                params.push(("camera.focus".to_owned(), param));
-            }
-        }
-        params.extend(self.glass.params());
-        params.extend(self.cover.iter().flat_map(CoverRecipe::params));
-        params.extend(self.sensor.iter().flat_map(SensorRecipe::params));
+    /// Returns all distributions with the declarations of their keys.
+    pub fn numbers(&self) -> Vec<Number<'_>> {
+        let mut numbers = numbers_of::<Film>(&self.film, "film");
+        numbers.extend(numbers_of::<Camera>(&self.camera, "camera"));
+        numbers.extend(numbers_of::<Glass>(&self.glass, "glass"));
+        let mut others: Vec<(String, &Param)> = Vec::new();
+        others.extend(self.cover.iter().flat_map(CoverRecipe::params));
+        others.extend(self.sensor.iter().flat_map(SensorRecipe::params));
         for (name, light) in [("front", self.front.light()), ("back", self.back.light())] {
-            params.push((format!("{name}.exposure"), light.exposure));
-            params.extend(light.exposure_ev.map(|param| (format!("{name}.exposure_ev"), param)));
+            others.push((format!("{name}.exposure"), light.exposure));
+            others.extend(light.exposure_ev.map(|param| (format!("{name}.exposure_ev"), param)));
         }
         let illuminants = [("front", &self.front.illuminant_k), ("back", &self.back.illuminant_k)];
         for (name, param) in illuminants {
-            params.extend(param.iter().map(|param| (format!("{name}.illuminant_k"), param)));
+            others.extend(param.iter().map(|param| (format!("{name}.illuminant_k"), param)));
         }
-        params
+        numbers.extend(others.into_iter().map(|(path, param)| Number {
+            limit: limit_of(&path),
+            decides: path.starts_with("cover."),
+            path,
+            param,
+        }));
+        numbers
     }
 
     /// True if scenes need previews, for which planning reads photographs.
@@ -261,7 +188,6 @@ impl Recipe {
     /// Parses and checks a recipe.
     pub fn parse(text: &str) -> Result<Self, RecipeError> {
         let recipe: Self = toml::from_str(text).map_err(Box::new)?;
-        recipe.glass.check_given(text)?;
         recipe.check()?;
         Ok(recipe)
     }
@@ -292,10 +218,13 @@ impl Recipe {
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::cover::{FrameRecipe, PhotographerRecipe, ScreenRecipe};
-    use super::super::glass::{OutlineRecipe, SmudgeRecipe, WaveRecipe};
+    use super::super::draw::Draw;
+    use super::super::glass::draw_glass;
+    use super::super::numbers::{OTHERS, is_number};
     use super::super::sensor::ExposureRecipe;
     use super::*;
-    use glasshouse_line::{DepthKind, Intrinsics};
+    use glasshouse_line::{DepthKind, FocusRecipe, Intrinsics};
+    use std::collections::BTreeSet;
 
     /// Recipe of the paper's data set.
     pub(in super::super) const PAPER: &str = r#"
@@ -330,28 +259,11 @@ pairs = { diode = 120, places = 80 }
 "#;
 
     #[test]
-    fn the_table_of_parameters_is_complete() {
+    fn the_table_of_other_numbers_is_complete() {
         let optional = "[front]\nexposure_ev = 1\nilluminant_k = 5000\n\
                         [back]\nexposure_ev = 1\nilluminant_k = 5000\n[sources.diode]";
         let text = PAPER.replacen("[sources.diode]", optional, 1);
         let mut recipe = Recipe::parse(&text).unwrap();
-        recipe.glass.roughness = Some(Param::Constant(0.01));
-        recipe.glass.bow_radius_m = Some(Param::Constant(8.0));
-        recipe.glass.wedge_deg = Some([Param::Constant(0.1), Param::Constant(0.0)]);
-        recipe.glass.wave = Some(WaveRecipe {
-            amplitude_m: Param::Constant(1e-4),
-            length_m: Param::Constant(0.3),
-            direction_deg: Param::Constant(0.0),
-        });
-        let [coverage, mark_m, roughness, haze, transmittance] = [0.05; 5].map(Param::Constant);
-        recipe.glass.smudges =
-            Some(SmudgeRecipe { coverage, mark_m, roughness, haze, transmittance });
-        recipe.glass.outline = Some(OutlineRecipe {
-            x_m: [-0.1, 0.1].map(Param::Constant),
-            y_m: [-0.1, 0.1].map(Param::Constant),
-            frame_m: Param::Constant(0.0),
-            frame_radiance: [0.0; 3].map(Param::Constant),
-        });
         let screen = || {
             let one = || Some(Param::Constant(1.0));
             let [gap_m, view_width, view_x, view_y, exposure] = [0; 5].map(|_| one());
@@ -365,8 +277,6 @@ pairs = { diode = 120, places = 80 }
             plant: screen(),
             frame: Some(FrameRecipe::default()),
         });
-        recipe.camera.f_number = Some(Param::Constant(4.0));
-        recipe.camera.focus = FocusRecipe::DistanceM(Param::Constant(2.0));
         let one = || Param::Constant(1.0);
         let metered = SensorRecipe {
             gain_dn_per_e: Some(one()),
@@ -375,12 +285,21 @@ pairs = { diode = 120, places = 80 }
         };
         let exposure = ExposureRecipe::Factor { factor: one() };
         let fixed = SensorRecipe { exposure, ..metered.clone() };
-        let mut names = std::collections::BTreeSet::new();
+        let mut names = BTreeSet::new();
         for sensor in [metered, fixed] {
             recipe.sensor = Some(sensor);
-            names.extend(recipe.params().into_iter().map(|(name, _)| name));
+            names.extend(recipe.numbers().into_iter().map(|number| number.path));
         }
-        assert_eq!(names, super::super::param::PARAMETERS.map(str::to_owned).into());
+        let is_declared =
+            |key: &String| ["film.", "camera.", "glass."].iter().any(|at| key.starts_with(at));
+        assert!(names.iter().all(|key| is_number(key)));
+        names.retain(|key| !is_declared(key));
+        assert_eq!(names, OTHERS.map(str::to_owned).into());
+    }
+
+    fn pane(recipe: &GlassRecipe) -> Glass {
+        let values = BTreeMap::new();
+        draw_glass(recipe, Draw { dataset_seed: 1, scene: "s", attempt: 0, values: &values })
     }
 
     #[test]
@@ -388,7 +307,7 @@ pairs = { diode = 120, places = 80 }
         let paper = Recipe::parse(PAPER).unwrap();
         assert_eq!(paper.film, FilmRecipe::default());
         assert_eq!(paper.camera, CameraRecipe::default());
-        assert_eq!(paper.glass, GlassRecipe::default());
+        assert_eq!(pane(&paper.glass), pane(&GlassRecipe::default()));
         assert_eq!(paper.seed, default_seed());
         assert_eq!(paper.splits[0].pairs["places"], 2000);
     }
@@ -399,7 +318,7 @@ pairs = { diode = 120, places = 80 }
         let constants = Recipe::parse(PAPER).unwrap();
         assert_eq!(paper.film, constants.film);
         assert_eq!(paper.camera, constants.camera);
-        assert_eq!(paper.glass, constants.glass);
+        assert_eq!(pane(&paper.glass), pane(&constants.glass));
         for (split, constant) in paper.splits.iter().zip(&constants.splits) {
             assert_eq!((split.name, &split.pairs), (constant.name, &constant.pairs));
         }
@@ -418,10 +337,9 @@ pairs = { diode = 120, places = 80 }
         let smoke = Recipe::parse(include_str!("../../manifests/smoke.toml")).unwrap();
         assert_eq!(smoke.film, FilmRecipe::default());
         assert_eq!(smoke.camera, CameraRecipe::default());
-        let paper = GlassRecipe::default();
-        assert_eq!(smoke.glass.ior, paper.ior);
-        assert_eq!(smoke.glass.distance_m, paper.distance_m);
-        assert_eq!(smoke.glass.thickness_m, Param::Choice(vec![0.01, 0.04].into()));
+        let (smoke_pane, paper) = (pane(&smoke.glass), pane(&GlassRecipe::default()));
+        assert_eq!((smoke_pane.ior, smoke_pane.distance_m), (paper.ior, paper.distance_m));
+        assert_eq!(smoke.glass.thickness_m, Some(Param::Choice(vec![0.01, 0.04].into())));
         assert_eq!(smoke.glass.tilt_deg[1], Param::Choice(vec![0.0, 30.0].into()));
         let pairs: u32 = smoke.splits.iter().flat_map(|s| s.pairs.values()).sum();
         assert_eq!(pairs, 8);
@@ -434,7 +352,7 @@ pairs = { diode = 120, places = 80 }
             .replace("focus = \"front_center\"", "focus = { log_uniform = [1, 20] }")
             .replace("spp = 256", "spp = { choice = [64, 256] }");
         let recipe = Recipe::parse(&text).unwrap();
-        assert_eq!(recipe.glass.ior, Param::Uniform([1.3, 1.7]));
+        assert_eq!(recipe.glass.ior, Some(Param::Uniform([1.3, 1.7])));
         assert!(matches!(recipe.camera.focus, FocusRecipe::DistanceM(Param::LogUniform(_))));
         let infinity = PAPER.replace("\"front_center\"", "\"infinity\"");
         assert_eq!(Recipe::parse(&infinity).unwrap().camera.focus, FocusRecipe::Infinity);

@@ -1,17 +1,19 @@
 //! Checks ranges, names and conflicting keys of a recipe before any scene is drawn. `source_check.rs` checks sources.
 
 use super::assign::sides;
-use super::param::Param;
+use super::glass_check::check_glass;
 use super::places::depth_root;
 use super::procedural_inputs::COVER_ROOT;
-use super::recipe::{CameraRecipe, RECIPE_SCHEMA, Recipe};
+use super::recipe::{RECIPE_SCHEMA, Recipe};
 use super::recipe_error::RecipeError;
 use super::source::Layout;
 use super::train_recipe::TrainRecipe;
 use super::training::{FeatureSource, NetworkKind, ScheduleKind};
 use glasshouse_line::ids::SceneId;
 use glasshouse_line::layer::Layer;
-use glasshouse_line::{is_root_name, limits::limit_of};
+use glasshouse_line::limits::{Limit, limit_of};
+use glasshouse_line::param::Param;
+use glasshouse_line::{CameraRecipe, is_root_name};
 use std::collections::BTreeMap;
 
 /// Largest number of pairs in a split: ids have six digits.
@@ -104,11 +106,10 @@ impl Recipe {
     }
 
     fn check_params(&self) -> Result<(), RecipeError> {
-        for (key, param) in self.params() {
-            within(&key, param)?;
+        for number in self.numbers() {
+            number_within(&number.path, number.param, number.limit)?;
         }
         let constants = [
-            ("film.target_error", self.film.target_error),
             (
                 "light.auto_exposure.percentile",
                 self.light.auto_exposure.map(|auto| auto.percentile),
@@ -126,7 +127,7 @@ impl Recipe {
         {
             return bad("camera.f_number", "conflicts with aperture_radius_m: remove one of them");
         }
-        self.glass.check()?;
+        check_glass(&self.glass)?;
         self.check_front_illuminant_share()?;
         self.check_cover()?;
         if let Some(sensor) = &self.sensor {
@@ -283,7 +284,10 @@ pub(super) fn bad(key: &str, problem: impl Into<String>) -> Result<(), RecipeErr
 
 /// Checks all values that `param` may take, except those of `from_source`, against the table of limits.
 pub(super) fn within(key: &str, param: &Param) -> Result<(), RecipeError> {
-    let limit = limit_of(key);
+    number_within(key, param, limit_of(key))
+}
+
+fn number_within(key: &str, param: &Param, limit: Limit) -> Result<(), RecipeError> {
     // Draws of all other distributions are not whole numbers.
     if limit.is_whole() && !matches!(param, Param::Constant(_) | Param::Choice(_)) {
         return bad(key, "must be a whole number or { choice = [..] } of whole numbers");

@@ -1,63 +1,30 @@
 //! Draws the sections of a scene line: `film`, `camera`, `front` and `back`. `glass.rs` draws `glass`.
 
 use super::diode::SourceImage;
-use super::draw::{Draw, nine_digits};
-use super::focus::FocusRecipe;
+use super::draw::{Draw, Drawing, nine_digits};
 use super::light::{DrawnLight, SideLight, illuminant};
 use super::list;
-use super::param::Param;
 use super::recipe::Recipe;
 use super::source::Source;
-use glasshouse_line::{Camera, DepthKind, Film, Focus, FocusAt, Photograph, Side};
+use glasshouse_line::keys::{At, Drawn};
+use glasshouse_line::param::Param;
+use glasshouse_line::{Camera, DepthKind, Film, Focus, FocusRecipe, Photograph, Side};
 
 pub(super) fn film(recipe: &Recipe, draw: Draw<'_>) -> Film {
-    let film = &recipe.film;
-    Film {
-        width: draw.value("film.width", &film.width) as u32,
-        height: draw.value("film.height", &film.height) as u32,
-        spp: draw.value("film.spp", &film.spp) as u32,
-        filter: film.filter,
-        glass_reflection_orders: film.glass_reflection_orders,
-        order_tolerance: draw.value("film.order_tolerance", &film.order_tolerance),
-        exr: film.exr,
-        target_error: film.target_error,
-        layers: film.layers,
-    }
+    Film::draw(&recipe.film, &At::section("film"), &draw)
 }
 
 pub(super) fn camera(recipe: &Recipe, draw: Draw<'_>) -> Camera {
-    let camera = &recipe.camera;
-    let focal_length_mm = draw.value("camera.focal_length_mm", &camera.focal_length_mm);
-    let aperture_radius_m = match &camera.f_number {
-        Some(param) => {
-            let f_number = draw.value("camera.f_number", param);
-            nine_digits(focal_length_mm * 1e-3 / (2.0 * f_number))
-        }
-        None => draw.value("camera.aperture_radius_m", &camera.aperture_radius_m),
-    };
-    let chosen = match &camera.focus {
-        FocusRecipe::Choice(choice) => draw.pick("camera.focus", choice),
-        one => one,
-    };
-    let at = |at| Focus::At { at };
-    Camera {
-        focal_length_mm,
-        aperture_radius_m,
-        focus: match chosen {
-            FocusRecipe::FrontCenter => at(FocusAt::FrontCenter),
-            FocusRecipe::BackCenter => at(FocusAt::BackCenter),
-            FocusRecipe::Infinity => at(FocusAt::Infinity),
-            FocusRecipe::Glass => Focus::Distance {
-                distance_m: draw.value("glass.distance_m", &recipe.glass.distance_m),
-            },
-            FocusRecipe::DistanceM(param) => {
-                Focus::Distance { distance_m: draw.value("camera.focus", param) }
-            }
-            FocusRecipe::Choice(_) => unreachable!("a choice of choices is not parsed"),
-        },
-        exposure: 1.0,
-        white_balance: [1.0; 3],
+    let mut camera = Camera::draw(&recipe.camera, &At::section("camera"), &draw);
+    if let Some(param) = &recipe.camera.f_number {
+        let f_number = draw.value("camera.f_number", param);
+        camera.aperture_radius_m = nine_digits(camera.focal_length_mm * 1e-3 / (2.0 * f_number));
     }
+    if *recipe.camera.focus.chosen(&At::section("camera.focus"), &draw) == FocusRecipe::Glass {
+        let distance_m = draw.value("glass.distance_m", &recipe.glass.distance_m);
+        camera.focus = Focus::Distance { distance_m };
+    }
+    camera
 }
 
 /// Draws the temperatures of the illuminants of front and back, K; `None` for the light of the photograph.

@@ -1,11 +1,11 @@
 //! `[sensor]` of a recipe: the camera of the photographs.
 
-use super::choice::Choice;
 use super::draw::{Draw, nine_digits};
-use super::one_of::OneOf;
-use super::param::{Normal, Param};
 use super::sensor_model::{SensorModel, sensor_models};
 use compose::{matrix_inverse, tukey_deviation};
+use glasshouse_line::param::Choice;
+use glasshouse_line::param::OneOf;
+use glasshouse_line::param::{Normal, Param};
 use glasshouse_line::{Mosaic, Sensor, SensorExposure, Subsampling, Tone};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, de};

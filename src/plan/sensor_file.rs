@@ -1,11 +1,11 @@
 //! A file with a `[sensor]` table alone, for photographs of tuples that exist.
 
 use super::draw::Draw;
-use super::param::Param;
 use super::recipe_check::{bad, within};
 use super::recipe_error::RecipeError;
 use super::sensor::SensorRecipe;
 use glasshouse_line::Sensor;
+use glasshouse_line::param::Param;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 

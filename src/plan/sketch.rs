@@ -1,7 +1,7 @@
 //! `depth` of a source of pictures without depth images: the shape that scenes assume.
 
 use super::draw::Draw;
-use super::param::Param;
+use glasshouse_line::param::Param;
 use glasshouse_line::{CAMERA_HEIGHT_M, HORIZON, Sketch};
 use schemars::JsonSchema;
 use serde::Deserialize;

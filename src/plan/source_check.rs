@@ -1,9 +1,9 @@
 //! Checks the sources of a recipe: the keys that each layout allows, and their ranges.
 
-use super::param::Param;
 use super::recipe_check::{bad, within};
 use super::recipe_error::RecipeError;
 use super::source::{Layout, Source};
+use glasshouse_line::param::Param;
 use glasshouse_line::{DepthKind, Fill, Intrinsics, Orientation, Transfer};
 
 /// Largest number of procedural photographs of a source: the largest number of pairs in a split.

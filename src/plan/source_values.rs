@@ -2,11 +2,12 @@
 
 use super::draw::nine_digits;
 use super::pair::Pair;
-use super::param::Param;
 use super::recipe::Recipe;
 use super::recipe_error::RecipeError;
 use super::sections::half_view;
 use glasshouse_line::ids::SceneId;
+use glasshouse_line::keys::Number;
+use glasshouse_line::param::Param;
 use glasshouse_line::{Film, Photograph, Side};
 use std::collections::BTreeMap;
 
@@ -20,7 +21,7 @@ pub(super) fn source_values(
     film: &Film,
 ) -> Result<BTreeMap<String, f64>, RecipeError> {
     let mut values = BTreeMap::new();
-    for (name, param) in recipe.params() {
+    for Number { path: name, param, .. } in recipe.numbers() {
         if *param != Param::FromSource {
             continue;
         }

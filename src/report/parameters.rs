@@ -15,14 +15,14 @@ const REASON_SHOWN: usize = 500;
 type Parameter = (&'static str, &'static str, fn(&SceneLine) -> Option<f64>);
 
 const PARAMETERS: [Parameter; 19] = [
-    ("glass thickness", "mm", |l| Some(l.glass.thickness_m * 1e3)),
-    ("index of refraction", "", |l| Some(l.glass.ior)),
+    ("glass thickness", "mm", |l| Some(l.glass.total_thickness_m() * 1e3)),
+    ("index of refraction", "", |l| Some(l.glass.first_glass().0)),
     ("glass distance", "m", |l| Some(l.glass.distance_m)),
     ("pitch", "degrees", |l| Some(l.glass.tilt_deg[0])),
     ("yaw", "degrees", |l| Some(l.glass.tilt_deg[1])),
-    ("absorption of red", "per m", |l| Some(l.glass.absorption_per_m[0])),
-    ("absorption of green", "per m", |l| Some(l.glass.absorption_per_m[1])),
-    ("absorption of blue", "per m", |l| Some(l.glass.absorption_per_m[2])),
+    ("absorption of red", "per m", |l| Some(l.glass.first_glass().1[0])),
+    ("absorption of green", "per m", |l| Some(l.glass.first_glass().1[1])),
+    ("absorption of blue", "per m", |l| Some(l.glass.first_glass().1[2])),
     ("focal length", "mm", |l| Some(l.camera.focal_length_mm)),
     ("aperture radius", "mm", |l| Some(l.camera.aperture_radius_m * 1e3)),
     ("f-number", "", |l| {

@@ -12,7 +12,7 @@ use glasshouse_line::color::{SrgbEncoder, srgb_to_linear};
 use glasshouse_line::ids::SceneId;
 use glasshouse_line::label::LabelSet;
 use glasshouse_line::layer::Layer;
-use glasshouse_line::{Glass, Roughness, SceneLine, Side, Sketch};
+use glasshouse_line::{Glass, GlazingName, Roughness, SceneLine, Side, Sketch};
 use image::RgbImage;
 use maud::{Markup, html};
 use rayon::prelude::*;
@@ -225,7 +225,7 @@ fn parameters(record: &TupleRecord) -> String {
         record.scene.split,
         record.scene.film.spp,
         layers(glass),
-        number(glass.ior),
+        number(glass.first_glass().0),
         number(glass.distance_m),
         cards(&record.scene) + &shapes(&record.scene),
         orders.join(" "),
@@ -287,13 +287,13 @@ fn cards(line: &SceneLine) -> String {
 fn layers(glass: &Glass) -> String {
     let mm = |thickness_m: f64| number(thickness_m * 1e3);
     let mut text = if glass.layers.is_empty() {
-        format!("{} mm thick", mm(glass.thickness_m))
+        format!("{} mm thick", mm(glass.total_thickness_m()))
     } else {
         let layers: Vec<String> =
             glass.layers.iter().map(|layer| mm(layer.thickness_m())).collect();
         format!("of layers of {} mm", layers.join("-"))
     };
-    if let Some(name) = &glass.glazing {
+    if let Some(GlazingName(name)) = &glass.glazing {
         text = format!("{name}, {text}");
     }
     for coating in &glass.coatings {

@@ -78,10 +78,13 @@ pub(crate) fn ramp(line: &SceneLine, is_reflected: bool, terms: [f64; 3], q: usi
     for step in 0..STEPS * STEPS {
         let at = |k: u32, step: u32| f64::from(k) + (f64::from(step) + 0.5) / f64::from(STEPS);
         let [px, py] = film.tangent(at(x, step % STEPS), at(y, step / STEPS));
-        let square = glass.ior * glass.ior;
+        let square = glass.first_glass().0.powi(2);
         let gamma = 1.0 / (square + (square - 1.0) * (px * px + py * py)).sqrt();
-        let (side, kappa) =
-            if is_reflected { (-1.0, 0.0) } else { (1.0, glass.thickness_m * (1.0 - gamma)) };
+        let (side, kappa) = if is_reflected {
+            (-1.0, 0.0)
+        } else {
+            (1.0, glass.total_thickness_m() * (1.0 - gamma))
+        };
         let reach = RAMP_DEPTH_M - kappa;
         sum += middle + across_per_m * side * px * reach + down_per_m * py * reach;
     }
@@ -123,7 +126,7 @@ pub(crate) fn radius_px(line: &SceneLine, depth_m: f64, layer: &[[f32; 3]]) -> f
         f64::from(pixel[0]) * 0.5 * (dx * dx + dy * dy)
     });
     let second = moments.sum::<f64>() / red_sum(layer);
-    let kappa = glass.thickness_m * (1.0 - 1.0 / glass.ior);
+    let kappa = glass.total_thickness_m() * (1.0 - 1.0 / glass.first_glass().0);
     let texel = 2.0 * SPOT_TAN / SPOT_TEXELS;
     let texel_px = texel / film.pixel_tangent()[0] * depth_m / (depth_m - kappa);
     let blur = second - 1.0 / 12.0 - texel_px * texel_px / 6.0;

@@ -50,7 +50,7 @@ pub fn assemble_decoded(
     let back_camera = BackCamera::new(line.back.apex().unwrap_or_default(), &slab);
     let cover = cover(line, [&front, &back], &slab, &back_camera)?;
     let (front, back) = (front.surface, back.surface);
-    let lateral_m = line.camera.aperture_radius_m + line.glass.thickness_m;
+    let lateral_m = line.camera.aperture_radius_m + line.glass.total_thickness_m();
     // The capture coordinates of the front are those of the lens.
     let front = front.place("front", |x| x, lateral_m)?;
     let back = back.place("back", back_camera.lens_from_capture(), lateral_m)?;

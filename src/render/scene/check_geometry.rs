@@ -329,7 +329,7 @@ mod tests {
             let mut line = published();
             let (ior, absorption_per_m) = (1.52, [0.0; 3]);
             let layers = [GlassLayer::Glass { glass_m, ior, absorption_per_m, wedge_deg }];
-            line.glass.set_layers(&layers);
+            line.glass.set_stack(&layers);
             let half_m = film_corners(&line)[0].slope[0].abs() * line.glass.distance_m;
             (check_geometry(&line, 0.0), half_m)
         };

@@ -13,12 +13,13 @@ pub(super) fn slab(line: &SceneLine) -> Slab {
     } else {
         Slab::tilted_normal(line.glass.tilt_deg)
     };
+    let (ior, absorption_per_m) = line.glass.first_glass();
     Slab {
         normal,
         plane_distance_m: line.glass.distance_m * normal.z,
-        thickness_m: line.glass.thickness_m,
-        ior: line.glass.ior,
-        absorption_per_m: line.glass.absorption_per_m,
+        thickness_m: line.glass.total_thickness_m(),
+        ior,
+        absorption_per_m,
     }
 }
 
@@ -31,13 +32,7 @@ pub(super) fn stack(line: &SceneLine) -> Option<Stack> {
 /// Returns the layers of a line's pane; a plain one has one.
 pub(super) fn layers(line: &SceneLine) -> Stack {
     let glass = &line.glass;
-    let one = [GlassLayer::Glass {
-        glass_m: glass.thickness_m,
-        ior: glass.ior,
-        absorption_per_m: glass.absorption_per_m,
-        wedge_deg: [0.0; 2],
-    }];
-    let of = if glass.layers.is_empty() { one.as_slice() } else { &glass.layers };
+    let of = glass.stack();
     let layer = |layer: &GlassLayer| match *layer {
         GlassLayer::Glass { glass_m, ior, absorption_per_m, .. } => {
             StackLayer { thickness_m: glass_m, ior, absorption_per_m }

@@ -8,9 +8,7 @@ use super::window::Sight;
 use super::{AssembleError, Decoded, DecodedSide, SceneFacts, assemble_decoded, decode_mesh};
 use crate::formats::{NamedBytes, PanoramaFiles, PhotographFiles, SceneError};
 use crate::trace::Scene;
-use glasshouse_line::{
-    PanoramaDepth, RootError, Roots, SMUDGES_MAP, SceneLine, Side, Smudges, card_key,
-};
+use glasshouse_line::{PanoramaDepth, RootError, Roots, SMUDGES_MAP, SceneLine, Side, card_key};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -140,7 +138,7 @@ pub fn read_files_by(
         front: side(&line.front)?,
         back: side(&line.back)?,
         cards: [cards(&line.front)?, cards(&line.back)?],
-        smudges: match line.glass.smudges.as_ref().and_then(Smudges::map) {
+        smudges: match line.glass.smudges.as_ref().and_then(|smudges| smudges.map.as_ref()) {
             None => None,
             Some(map) => Some(named(map)?),
         },

@@ -53,7 +53,7 @@ impl SceneLoader {
             return self.read(line, roots, base, None);
         };
         let marks = [front, back];
-        if line.glass.smudges.as_ref().and_then(|smudges| smudges.map()).is_some() {
+        if line.glass.smudges.as_ref().and_then(|smudges| smudges.map.as_ref()).is_some() {
             return self.read(line, roots, base, None);
         }
         match self.cached(line, &marks) {

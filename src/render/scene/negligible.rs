@@ -105,7 +105,7 @@ impl Negligible {
             for layer in &mut layers {
                 layer.set_wedge_deg([0.0; 2]);
             }
-            glass.set_layers(&layers);
+            glass.set_stack(&layers);
         }
         if self.bow.is_some() {
             glass.bow_radius_m = None;
@@ -120,7 +120,7 @@ impl Negligible {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glasshouse_line::{GlassLayer, Roughness, Wave, published};
+    use glasshouse_line::{Roughness, Wave, published};
 
     type Line<'a> = &'a dyn Fn(f64) -> SceneLine;
     type Bound = fn(&Negligible) -> Option<f64>;
@@ -150,11 +150,9 @@ mod tests {
         let bent = |per_m: f64| with(|line| line.glass.bow_radius_m = Some(1.0 / per_m));
         let wedged = |pitch_deg: f64| {
             with(|line| {
-                let (glass_m, ior) = (line.glass.thickness_m, line.glass.ior);
-                let absorption_per_m = line.glass.absorption_per_m;
-                let wedge_deg = [pitch_deg, 0.0];
-                let layer = GlassLayer::Glass { glass_m, ior, absorption_per_m, wedge_deg };
-                line.glass.set_layers(&[layer]);
+                let mut layers = line.glass.stack();
+                layers[0].set_wedge_deg([pitch_deg, 0.0]);
+                line.glass.set_stack(&layers);
             })
         };
         let lines: [Line<'_>; 4] = [&waved, &rough, &bent, &wedged];

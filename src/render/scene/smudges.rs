@@ -46,10 +46,10 @@ pub(super) fn smudges(line: &SceneLine, map: Option<&SmudgeMap>) -> Option<Smudg
         share: smudges.haze,
         transmittance: smudges.transmittance,
     };
-    let (map, texel_m, pivot, repeats) = match &smudges.pattern {
+    let (map, texel_m, pivot, repeats) = match smudges.pattern()? {
         SmudgePattern::Marks { seed, coverage, mark_m } => {
             let side_m = mark_m * f64::from(MARKS);
-            (&marks(*seed, *coverage), side_m / f64::from(TEXELS), [0.0; 2], true)
+            (&marks(seed, coverage), side_m / f64::from(TEXELS), [0.0; 2], true)
         }
         SmudgePattern::Map { center_m, width_m, .. } => {
             let map = map.expect("the map was decoded with the files of the line");

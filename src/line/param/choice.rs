@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// True for the keys with which the table of a choice may begin.
-pub(super) fn is_key(key: &str) -> bool {
+pub fn is_key(key: &str) -> bool {
     ["choice", "weights"].contains(&key)
 }
 
@@ -27,10 +27,15 @@ impl<T> From<Vec<T>> for Choice<T> {
 }
 
 impl<T> Choice<T> {
+    /// Returns the alternative at `unit`, a uniform number in [0, 1).
+    pub fn at(&self, unit: f64) -> &T {
+        &self.values[self.place(unit)]
+    }
+
     /// Returns the index of the alternative at `unit`, a uniform number in [0, 1).
     ///
     /// Equal weights give the alternative that a choice without weights gives, to the bit of `unit`.
-    pub(super) fn place(&self, unit: f64) -> usize {
+    fn place(&self, unit: f64) -> usize {
         let count = self.values.len();
         let weights = match &self.weights {
             Some(weights) if weights.iter().any(|weight| *weight != weights[0]) => weights,
@@ -76,7 +81,7 @@ impl<T> Choice<T> {
 
 impl<'de, T: Deserialize<'de>> Choice<T> {
     /// Reads the rest of a table after its first key, for which [`is_key`] is true.
-    pub(super) fn read<A: MapAccess<'de>>(first: &str, mut map: A) -> Result<Self, A::Error> {
+    pub fn read<A: MapAccess<'de>>(first: &str, mut map: A) -> Result<Self, A::Error> {
         let (mut values, mut weights) = (None, None);
         let mut key = Some(first.to_owned());
         while let Some(name) = key {

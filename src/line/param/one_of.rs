@@ -1,6 +1,6 @@
 //! `"name"` or `{ choice = ["name", ..], weights = [..] }`: a word of a recipe, or a choice of words.
 
-use super::choice::{Choice, is_key};
+use super::{Choice, is_key};
 use serde::de::value::StrDeserializer;
 use serde::de::{self, DeserializeOwned, Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};

@@ -1,100 +1,20 @@
 //! A number of a recipe: a constant, a distribution with a draw per scene, or a value from a photograph.
 
-use super::choice::{Choice, is_key};
-use super::draw::normal_cdf;
-use glasshouse_line::limits::Limit;
+mod choice;
+mod normal;
+mod one_of;
+mod schema;
+
+pub use choice::{Choice, is_key};
+pub use one_of::OneOf;
+pub use schema::choice_of;
+
+use crate::limits::Limit;
+use normal::{normal_cdf, truncated_normal};
 use schemars::JsonSchema;
 use serde::de::{self, Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
 use std::fmt;
-
-/// Names of all parameters that a recipe may have, as `Recipe::params` returns them.
-pub(crate) const PARAMETERS: [&str; 84] = [
-    "film.width",
-    "film.height",
-    "film.spp",
-    "film.order_tolerance",
-    "camera.focal_length_mm",
-    "camera.aperture_radius_m",
-    "camera.f_number",
-    "camera.focus",
-    "glass.distance_m",
-    "glass.thickness_m",
-    "glass.ior",
-    "glass.absorption_per_m[0]",
-    "glass.absorption_per_m[1]",
-    "glass.absorption_per_m[2]",
-    "glass.tilt_deg[0]",
-    "glass.tilt_deg[1]",
-    "glass.roughness",
-    "glass.bow_radius_m",
-    "glass.wave.amplitude_m",
-    "glass.wave.length_m",
-    "glass.wave.direction_deg",
-    "glass.wedge_deg[0]",
-    "glass.wedge_deg[1]",
-    "glass.smudges.coverage",
-    "glass.smudges.mark_m",
-    "glass.smudges.roughness",
-    "glass.smudges.haze",
-    "glass.smudges.transmittance",
-    "glass.outline.x_m[0]",
-    "glass.outline.x_m[1]",
-    "glass.outline.y_m[0]",
-    "glass.outline.y_m[1]",
-    "glass.outline.frame_m",
-    "glass.outline.frame_radiance[0]",
-    "glass.outline.frame_radiance[1]",
-    "glass.outline.frame_radiance[2]",
-    "cover.photographer.distance_m",
-    "cover.photographer.width_m",
-    "cover.photographer.offset_m[0]",
-    "cover.photographer.offset_m[1]",
-    "cover.photographer.exposure",
-    "cover.blind.gap_m",
-    "cover.blind.view_width",
-    "cover.blind.view_x",
-    "cover.blind.view_y",
-    "cover.blind.exposure",
-    "cover.curtain.gap_m",
-    "cover.curtain.view_width",
-    "cover.curtain.view_x",
-    "cover.curtain.view_y",
-    "cover.curtain.exposure",
-    "cover.plant.gap_m",
-    "cover.plant.view_width",
-    "cover.plant.view_x",
-    "cover.plant.view_y",
-    "cover.plant.exposure",
-    "cover.frame.view_x[0]",
-    "cover.frame.view_x[1]",
-    "cover.frame.view_y[0]",
-    "cover.frame.view_y[1]",
-    "cover.frame.frame_m",
-    "cover.frame.frame_radiance",
-    "sensor.exposure.factor",
-    "sensor.exposure.percentile",
-    "sensor.exposure.level",
-    "sensor.gain_dn_per_e",
-    "sensor.full_well_e",
-    "sensor.blur_px",
-    "sensor.white_balance_error[0]",
-    "sensor.white_balance_error[1]",
-    "sensor.white_balance_error[2]",
-    "sensor.gamma",
-    "sensor.s_curve",
-    "sensor.filmic",
-    "sensor.scale",
-    "sensor.sharpen",
-    "sensor.sharpen_px",
-    "sensor.jpeg_quality",
-    "front.exposure",
-    "front.exposure_ev",
-    "front.illuminant_k",
-    "back.exposure",
-    "back.exposure_ev",
-    "back.illuminant_k",
-];
 
 /// A constant, a distribution, or a value from a photograph.
 #[derive(Clone, Debug, PartialEq)]
@@ -140,6 +60,44 @@ impl Normal {
     }
 }
 
+/// Where a scene's draws come from.
+pub trait Drawing {
+    /// Returns a uniform number in [0, 1) for a key.
+    fn unit(&self, key: &str) -> f64;
+    /// Returns the value of a key in the photograph's record; NaN if it has none.
+    fn recorded(&self, key: &str) -> f64;
+}
+
+impl dyn Drawing + '_ {
+    /// Draws a value of `param`; rounds values of continuous distributions by [`nine_digits`].
+    pub fn value(&self, key: &str, param: &Param) -> f64 {
+        let (least, most) = param.bounds();
+        let drawn = match param {
+            Param::Constant(value) => return *value,
+            Param::FromSource => return self.recorded(key),
+            Param::Choice(choice) => return *choice.at(self.unit(key)),
+            Param::Uniform([a, b]) => a + self.unit(key) * (b - a),
+            Param::LogUniform([a, b]) => {
+                let (log_a, log_b) = (libm::log(*a), libm::log(*b));
+                libm::exp(log_a + self.unit(key) * (log_b - log_a))
+            }
+            Param::Normal(normal) => truncated_normal(self.unit(key), normal),
+        };
+        nine_digits(drawn).clamp(least, most)
+    }
+}
+
+/// Rounds a value to nine significant digits, so that it is short in the manifest and parses to the same bits.
+pub fn nine_digits(value: f64) -> f64 {
+    format!("{value:.8e}").parse().expect("a formatted number can be parsed")
+}
+
+impl From<f64> for Param {
+    fn from(value: f64) -> Self {
+        Self::Constant(value)
+    }
+}
+
 impl Param {
     /// Returns the least and the largest possible value; infinite for `from_source`.
     pub fn bounds(&self) -> (f64, f64) {
@@ -164,7 +122,7 @@ impl Param {
     }
 
     /// Returns the first bound or choice outside `limit`, if any.
-    pub(super) fn outside(&self, limit: Limit) -> Option<f64> {
+    pub fn outside(&self, limit: Limit) -> Option<f64> {
         if *self == Self::FromSource {
             // The value of each photograph is checked with its scene line.
             return None;
@@ -261,7 +219,7 @@ impl<'de> Deserialize<'de> for Param {
 }
 
 /// A reader of parameters. A derived untagged enum would give errors without reason and position.
-pub(super) struct ParamVisitor;
+pub struct ParamVisitor;
 
 impl<'de> Visitor<'de> for ParamVisitor {
     type Value = Param;
@@ -302,10 +260,7 @@ impl<'de> Visitor<'de> for ParamVisitor {
 
 impl ParamVisitor {
     /// Reads the rest of a distribution after the key `kind`.
-    pub(super) fn visit_kind<'de, A: MapAccess<'de>>(
-        kind: &str,
-        mut map: A,
-    ) -> Result<Param, A::Error> {
+    pub fn visit_kind<'de, A: MapAccess<'de>>(kind: &str, mut map: A) -> Result<Param, A::Error> {
         const KINDS: &[&str] = &["uniform", "log_uniform", "normal", "choice"];
         if is_key(kind) {
             let param = Param::Choice(Choice::read(kind, map)?);
