@@ -10,6 +10,10 @@ quick:
     cargo clippy --release --workspace -- -D warnings
     cargo test --release --workspace --lib
 
+# all files that are made from the code: schemas and tables of keys; the tests fail if they are stale
+generate:
+    UPDATE_EXPECT=1 cargo test --release -p glasshouse-line -p glasshouse-plan --lib generated
+
 build:
     cargo build --release
 

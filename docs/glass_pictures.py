@@ -48,7 +48,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--glasshouse", default=str(root / "target/release/glasshouse"))
     program = parser.parse_args().glasshouse
-    names = re.findall(r"^\[glazing\.([a-z0-9.-]+)\]", (root / "src/plan/glazings.toml").read_text(), re.M)
+    names = re.findall(r"^\[glazing\.([a-z0-9.-]+)\]", (root / "src/line/glazings.toml").read_text(), re.M)
     rows = -(-len(names) // COLUMNS)
     sheet = Image.new("RGB", (COLUMNS * 2 * SIDE_PX, rows * (SIDE_PX + LABEL_PX)), "white")
     draw = ImageDraw.Draw(sheet)

@@ -1,7 +1,7 @@
 //! Flat pictures with transparent parts between the pane and the surface of a side.
 
-use super::image::{Transfer, is_one, is_white, one, white};
-use serde::{Deserialize, Serialize};
+use super::image::Transfer;
+use glasshouse_keys::keys;
 
 /// A picture with transparent parts on a rectangle parallel to the film, such as the photographer behind the camera, or a
 /// blind before the window. The side's surface is visible through it and beside it, and hides it where it is nearer.
@@ -9,26 +9,30 @@ use serde::{Deserialize, Serialize};
 /// A card of the front is upright for the camera: its column u in [0, 1] lies at world x = center_m\[0\] + (u - 1/2) width_m. A
 /// card of the back faces the pane: column u lies at x = center_m\[0\] - (u - 1/2) width_m, so that its mirror image has the
 /// columns from left to right again, mirrored. Row v lies at y = center_m\[1\] + (v - 1/2) height, with the proportions of the picture.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[keys]
 pub struct Card {
-    /// Path of a picture with straight alpha: relative to the manifest, or `NAME:path` under a named root. A picture without
-    /// alpha is opaque.
+    /// Path of a picture with straight alpha: relative to the manifest, or `NAME:path` under a named root. PNG and `.npy`
+    /// have alpha; other formats of colour images (except EXR) are opaque.
     pub color: String,
     /// Distance of the card's plane from the lens along the optical axis: before the lens for the front, behind it for the back.
+    /// The whole card must lie on its side of the pane.
+    // Single precision holds the squares of sizes and places of pictures in the scene.
+    #[key("(0, 1e9] m")]
     pub distance_m: f64,
     /// World coordinates of the card's centre: right, down.
+    #[key("[-1e9, 1e9] m")]
     pub center_m: [f64; 2],
     /// Width of the card; its height follows from the picture.
+    #[key("(0, 1e9] m")]
     pub width_m: f64,
     /// Transfer function of the picture; alpha is linear.
-    #[serde(default)]
+    #[key(default = Transfer::Srgb, written)]
     pub transfer: Transfer,
     /// Factor on linear radiance.
-    #[serde(default = "one", skip_serializing_if = "is_one")]
+    #[key("[0, inf)", default = 1.0)]
     pub exposure: f64,
     /// Factors on red, green and blue of linear radiance.
-    #[serde(default = "white", skip_serializing_if = "is_white")]
+    #[key("[0, inf)", default = [1.0; 3])]
     pub illuminant: [f64; 3],
 }
 

@@ -1,55 +1,49 @@
 //! Ranges, in metres, of relative depths, which are known only up to scale and shift.
 
-use super::error::{LineError, within};
+use super::error::{LineError, check_section, within};
 use super::image::DepthKind;
 use super::limits;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use glasshouse_keys::keys;
 
 /// Distances of the near and the far end of a relative depth image.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[keys]
+#[derive(Copy)]
 #[serde(
     untagged,
-    deny_unknown_fields,
     expecting = "depth_range must be {\"mean_m\": z} or {\"near_m\": z, \"far_m\": z}, optionally with far_over_near \
                  (for a mean) and percentiles"
 )]
 pub enum DepthRange {
     /// A mean and the ratio of the ends: `{"mean_m": 4.0}`.
     Mean {
-        /// Mean z (for a panorama, distance along the ray) of the valid pixels.
+        /// Mean z (for a panorama, distance along the ray) of the valid pixels of a relative depth, which needs this range.
+        #[key("[0.001, 1e6] m")]
         mean_m: f64,
         /// Ratio of the far end to the near end.
-        #[serde(default = "DepthRange::far_over_near")]
+        // A room spans 1.5 m to 8 m (a ratio of 5), and a street spans 5 m to 50 m (a ratio of 10). Depth estimators do not resolve
+        // larger ratios.
+        #[key("(1, 1e6]", default = 8.0, written)]
         far_over_near: f64,
-        /// Percentiles of the values that become the ends.
-        #[serde(default = "DepthRange::ends_percent")]
+        /// Percentiles of the valid values that become the ends; values beyond are clamped.
+        // They exclude the few outliers of any estimate.
+        #[key("[0, 100]", default = [2.0, 98.0], written)]
         percentiles: [f64; 2],
     },
     /// Both ends: `{"near_m": 1.0, "far_m": 12.0}`.
     Ends {
         /// Distance of the near end.
+        #[key("[0.001, 1e6] m")]
         near_m: f64,
         /// Distance of the far end.
+        #[key("[0.001, 1e6] m")]
         far_m: f64,
         /// Percentiles of the values that become the ends.
-        #[serde(default = "DepthRange::ends_percent")]
+        #[key("[0, 100]", default = [2.0, 98.0], written)]
         percentiles: [f64; 2],
     },
 }
 
 impl DepthRange {
-    /// Returns the default ratio. A room spans 1.5 m to 8 m (a ratio of 5), and a street spans 5 m to 50 m (a ratio of
-    /// 10). Depth estimators do not resolve larger ratios.
-    fn far_over_near() -> f64 {
-        8.0
-    }
-
-    /// Returns the default percentiles, which exclude the few outliers of any estimate.
-    fn ends_percent() -> [f64; 2] {
-        [2.0, 98.0]
-    }
-
     /// Returns the percentiles of the values that become the ends.
     pub fn percentiles(&self) -> [f64; 2] {
         match *self {
@@ -59,23 +53,12 @@ impl DepthRange {
 
     /// Checks the numbers; errors name `field`.
     pub fn validate(&self, field: &str) -> Result<(), LineError> {
-        let in_metres =
-            |key: &str, value| within(&format!("{field}.{key}"), value, limits::RELATIVE_DEPTH_M);
-        let (ratio_key, ratio) = match *self {
-            Self::Mean { mean_m, far_over_near, .. } => {
-                in_metres("mean_m", mean_m)?;
-                ("far_over_near", far_over_near)
-            }
-            Self::Ends { near_m, far_m, .. } => {
-                in_metres("near_m", near_m)?;
-                in_metres("far_m", far_m)?;
-                ("far_m / near_m", far_m / near_m)
-            }
-        };
-        within(&format!("{field}.{ratio_key}"), ratio, limits::FAR_OVER_NEAR)?;
+        check_section(self, field)?;
+        if let Self::Ends { near_m, far_m, .. } = *self {
+            let ratio = far_m / near_m;
+            within(&format!("{field}.far_m / near_m"), ratio, limits::FAR_OVER_NEAR)?;
+        }
         let [low, high] = self.percentiles();
-        within(&format!("{field}.percentiles[0]"), low, limits::PERCENT)?;
-        within(&format!("{field}.percentiles[1]"), high, limits::PERCENT)?;
         within(
             &format!("{field}.percentiles[1] - {field}.percentiles[0]"),
             high - low,

@@ -1,7 +1,7 @@
 //! Errors of a scene line.
 
 use super::keys::{At, Keys};
-use super::limits::{Limit, limit_of};
+use super::limits::Limit;
 
 /// A scene line that is invalid regardless of its files.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -139,28 +139,6 @@ pub(super) fn within(field: &str, value: f64, limit: Limit) -> Result<(), LineEr
 
 pub(super) fn out_of_range(field: &str, value: f64, limit: Limit) -> LineError {
     LineError::OutOfRange { field: field.to_owned(), value, allowed: limit.allowed }
-}
-
-/// Numbers by key, below `film`, `camera`, `glass` or a side.
-pub(super) type Numbers<'a> = [(&'a str, &'a [f64])];
-
-/// Checks numbers against the table of limits. Errors count the elements of arrays from 0.
-pub(super) fn all_within(section: &str, numbers: &Numbers<'_>) -> Result<(), LineError> {
-    for (key, values) in numbers {
-        let field = format!("{section}.{key}");
-        let limit = limit_of(&field);
-        for (index, &value) in values.iter().enumerate() {
-            if limit.contains(value) {
-                continue;
-            }
-            return if values.len() > 1 {
-                within(&format!("{field}[{index}]"), value, limit)
-            } else {
-                within(&field, value, limit)
-            };
-        }
-    }
-    Ok(())
 }
 
 /// Checks all declared numbers of a section against their limits.

@@ -1,5 +1,7 @@
 //! Transfer function, depth kind, hole filling and camera of a side's images.
 
+use super::keys::words;
+use glasshouse_keys::keys;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -63,21 +65,27 @@ pub enum Apex {
 }
 
 /// A pinhole camera. The image's top left corner is at (0, 0), and the centre of pixel (i, j) is at (i + 0.5, j + 0.5).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[keys]
+#[derive(Copy)]
 pub struct Intrinsics {
-    /// Horizontal focal length, px.
+    /// Horizontal focal length.
+    #[key("(0, inf) px")]
     pub fx: f64,
-    /// Vertical focal length, px.
+    /// Vertical focal length.
+    #[key("(0, inf) px")]
     pub fy: f64,
-    /// Horizontal position of the principal point, px.
+    /// Horizontal position of the principal point.
+    #[key("(-inf, inf) px")]
     pub cx: f64,
-    /// Vertical position of the principal point, px.
+    /// Vertical position of the principal point.
+    #[key("(-inf, inf) px")]
     pub cy: f64,
-    /// Size `[width, height]` of the image that the other keys describe, px; the size of the depth image if missing.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Size `[width, height]` of the image that the other keys describe; the size of the depth image if missing.
+    #[key("[1, 4294967295] px whole")]
     pub size: Option<[u32; 2]>,
 }
+
+words!(Transfer, Orientation, DepthKind, Fill, Apex);
 
 impl Intrinsics {
     /// Returns DIODE's capture camera, the same for every image (intrinsics.txt of its devkit).
@@ -89,21 +97,4 @@ impl Intrinsics {
 /// Returns 1, the default of factors, as the function that serde needs.
 pub fn one() -> f64 {
     1.0
-}
-
-pub(super) const fn white() -> [f64; 3] {
-    [1.0; 3]
-}
-
-#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
-pub(super) fn is_one(value: &f64) -> bool {
-    *value == 1.0
-}
-
-pub(super) fn is_white(value: &[f64; 3]) -> bool {
-    *value == white()
-}
-
-pub(super) fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
 }

@@ -5,12 +5,14 @@
 
 pub use crate::param::Drawing;
 
+use crate::SceneLine;
 use crate::limits::Limit;
 use crate::param::Param;
-use crate::{Camera, Film, Glass};
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
 use std::fmt::Debug;
+use std::sync::LazyLock;
 
 /// A declared key.
 #[derive(Debug)]
@@ -68,6 +70,11 @@ impl<'k> At<'k> {
     /// Returns a place below this one with the same declaration.
     pub(crate) fn below(&self, name: &str) -> At<'k> {
         At { path: format!("{}.{name}", self.path), ..self.clone() }
+    }
+
+    /// Returns the place of a form of this section, whose keys stand in a table with the form's name.
+    pub(crate) fn form(&self, name: &str) -> At<'k> {
+        self.below(name)
     }
 
     /// Returns the place of an element of this list.
@@ -143,13 +150,27 @@ pub trait Drawn: Keys + Sized {
     }
 }
 
-/// Returns the rows of all sections that are declared with [`macro@glasshouse_keys::keys`].
+/// Returns the rows of all keys of a line, and of the recipe's sections with the same keys.
 pub fn declared_rows() -> Vec<Row> {
     let mut rows = Vec::new();
-    Film::rows(&At::section("film"), &mut rows);
-    Camera::rows(&At::section("camera"), &mut rows);
-    Glass::rows(&At::section("glass"), &mut rows);
+    SceneLine::rows(&At::section(""), &mut rows);
     rows
+}
+
+/// Returns the limit of a number by its key, such as `glass.tilt_deg[1]`; `None` if no such number is declared.
+pub fn limit_of(path: &str) -> Option<Limit> {
+    static LIMITS: LazyLock<BTreeMap<String, Limit>> = LazyLock::new(|| {
+        let rows = declared_rows();
+        let limit =
+            |row: &Row, element| row.key.limits.get(element).or(row.key.limits.last()).copied();
+        let of_row = |row: &Row| -> Vec<(String, Limit)> {
+            let paths = row.paths().into_iter().enumerate();
+            let elements = paths.filter_map(|(element, path)| Some((path, limit(row, element)?)));
+            elements.chain(limit(row, 0).map(|limit| (row.path.clone(), limit))).collect()
+        };
+        rows.iter().filter(|row| row.numbers > 0).flat_map(of_row).collect()
+    });
+    LIMITS.get(path).copied()
 }
 
 /// A distribution of a recipe with the declaration of its key.

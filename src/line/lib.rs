@@ -53,6 +53,7 @@ mod published;
 mod roots;
 mod roughness;
 mod scene_line;
+pub mod schema;
 mod sensor;
 mod side;
 mod side_json;

@@ -2,7 +2,7 @@
 
 use super::focus::{Focus, FocusRecipe};
 use super::glass::Glass;
-use super::keys::words_of_all_scenes;
+use super::keys::{words, words_of_all_scenes};
 use super::layers::LayerSet;
 use super::sensor::Sensor;
 use super::side::Side;
@@ -46,31 +46,38 @@ impl fmt::Display for Split {
 }
 
 /// One scene: two sides, a pane, a camera and a film.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[keys]
 pub struct SceneLine {
-    /// Always [`SCENE_SCHEMA`].
+    /// Always `glasshouse.scene/1`.
+    #[key(line_only)]
     pub schema: String,
-    /// Id, unique in the manifest.
+    /// Id, unique in the manifest: 1 to 128 characters of `[A-Za-z0-9_-]`. File names contain it.
+    #[key(line_only)]
     pub id: SceneId,
-    /// Part of the data set; `train` if missing.
-    #[serde(default)]
+    /// Part of the data set: `train`, `validation` or `test`.
+    #[key(default = Split::Train, written, line_only)]
     pub split: Split,
-    /// Seed of this scene's sample points.
+    /// Seed of this scene's sample points, from 0 to 2^64 - 1.
+    #[key(line_only)]
     pub seed: u64,
     /// Size, samples and filter.
     pub film: Film,
     /// Lens, focus and exposure.
     pub camera: Camera,
+    /// The pane.
     pub glass: Glass,
     /// The side seen through the pane.
+    #[key(line_only)]
     pub front: Side,
     /// The side reflected in the pane.
+    #[key(line_only)]
     pub back: Side,
     /// The camera of the photographs of the layers; no photographs if missing.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[key(line_only)]
     pub sensor: Option<Sensor>,
 }
+
+words!(SceneId, Split);
 
 /// Key of the picture of a pane's smudges.
 pub const SMUDGES_MAP: &str = "glass.smudges.map";

@@ -1,7 +1,8 @@
 //! `sensor` of a scene line: the camera that photographs the scene's layers.
 
-use super::error::{LineError, all_within};
-use super::image::{is_default, is_one, is_white, one, white};
+use super::error::{LineError, check_section};
+use super::keys::words;
+use glasshouse_keys::keys;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -13,82 +14,94 @@ pub const SENSOR_VERSION: u32 = 1;
 ///
 /// A raw value is 0 at the black level, and 1 where the converter or the photosites are full. Neutral light of 1, after the
 /// exposure, gives a raw value of 1 in green.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[keys]
 pub struct Sensor {
     /// Name of the calibration from which a recipe drew the numbers; not used.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Factor of the light, from a meter that sees the input.
     pub exposure: SensorExposure,
-    /// Standard deviation of the blur of the optics, px.
-    #[serde(default, skip_serializing_if = "is_default")]
+    /// Standard deviation of the blur of the optics.
+    #[key("[0, 20] px", default = 0.0)]
     pub blur_px: f64,
     /// Numbers of the converter (DN) per electron.
+    #[key("[1e-4, 1e4] DN per electron")]
     pub gain_dn_per_e: f64,
     /// Electrons that a photosite holds; unlimited if missing.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[key("[1, 1e9] electrons")]
     pub full_well_e: Option<f64>,
     /// Bits of the converter.
+    #[key("[8, 16] whole")]
     pub bits: u32,
     /// Number of the converter without light.
-    #[serde(default, skip_serializing_if = "is_default")]
+    #[key("[0, 65534] DN whole", default = 0)]
     pub black_level_dn: u32,
-    /// Standard deviation of the read noise, DN.
-    #[serde(default, skip_serializing_if = "is_default")]
+    /// Standard deviation of the read noise.
+    #[key("[0, 1e4] DN", default = 0.0)]
     pub read_noise_dn: f64,
     /// Shape of the read noise's Tukey lambda distribution; normal if missing.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    // The variance is infinite from -0.5 downwards, and the distribution is bounded above 0.5.
+    #[key("[-0.4, 0.5]")]
     pub read_noise_lambda: Option<f64>,
-    /// Standard deviation of the noise that all photosites of a row share, DN.
-    #[serde(default, skip_serializing_if = "is_default")]
+    /// Standard deviation of the noise that all photosites of a row share.
+    #[key("[0, 1e4] DN", default = 0.0)]
     pub row_noise_dn: f64,
-    /// Colours of the photosites.
-    #[serde(default)]
+    /// Colours of the photosites: `rggb`, `bggr`, `grbg` or `gbrg`.
+    #[key(default = Mosaic::Rggb, written)]
     pub mosaic: Mosaic,
     /// Factors that make raw values of neutral light equal.
-    #[serde(default = "white", skip_serializing_if = "is_white")]
+    #[key("[0.1, 10]", default = [1.0; 3])]
     pub white_balance: [f64; 3],
     /// Further factors of the development: an error of the white balance.
-    #[serde(default = "white", skip_serializing_if = "is_white")]
+    #[key("[0.1, 10]", default = [1.0; 3])]
     pub white_balance_error: [f64; 3],
     /// Matrix from balanced raw values to linear sRGB, row by row; each row has the sum 1.
-    #[serde(default = "identity", skip_serializing_if = "is_identity")]
+    #[key("[-10, 10]", default = IDENTITY, shown = "no change")]
     pub colour_matrix: [[f64; 3]; 3],
     /// Curve from linear values to codes.
-    #[serde(default, skip_serializing_if = "is_default")]
+    #[key(default = Tone::Srgb)]
     pub tone: Tone,
     /// Width and height of the photograph over those of the film.
-    #[serde(default = "one", skip_serializing_if = "is_one")]
+    #[key("[0.05, 1]", default = 1.0)]
     pub scale: f64,
     /// Weight of the difference from a blurred photograph.
-    #[serde(default, skip_serializing_if = "is_default")]
+    #[key("[0, 5]", default = 0.0)]
     pub sharpen: f64,
     /// Standard deviation of that blur, px of the photograph.
-    #[serde(default = "one", skip_serializing_if = "is_one")]
+    #[key("[0.1, 20] px", default = 1.0)]
     pub sharpen_px: f64,
-    /// Quality of the JPEG, from 1 to 100.
+    /// Quality of the JPEG.
+    #[key("[1, 100] whole")]
     pub jpeg_quality: u8,
-    /// Resolution of the JPEG's colours.
-    #[serde(default, skip_serializing_if = "is_default")]
+    /// Resolution of the JPEG's colours: `4:4:4`, `4:2:2` or `4:2:0`.
+    #[key(default = Subsampling::Full, shown = "4:4:4")]
     pub jpeg_subsampling: Subsampling,
     /// True for `raw.dng`, too.
-    #[serde(default, skip_serializing_if = "is_default")]
+    #[key(default = false)]
     pub raw: bool,
 }
 
+words!(Mosaic, Subsampling);
+
 /// Exposure of the sensor.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(
-    untagged,
-    deny_unknown_fields,
-    expecting = r#"exposure must be {"factor": f} or {"percentile": p, "level": v}"#
-)]
+#[keys]
+#[derive(Copy)]
+#[serde(untagged, expecting = r#"exposure must be {"factor": f} or {"percentile": p, "level": v}"#)]
 pub enum SensorExposure {
     /// A factor of the light.
-    Factor { factor: f64 },
+    Factor {
+        /// Factor of the light.
+        #[key("[1e-6, 1e6]")]
+        factor: f64,
+    },
     /// The factor that gives a percentile of the input's brightest channels a level; 1 is the largest code.
-    Metered { percentile: f64, level: f64 },
+    Metered {
+        /// Percentile of the input's brightest channels.
+        #[key("(0, 100]")]
+        percentile: f64,
+        /// Level of this percentile in the photograph; 1 is the largest code.
+        #[key("[1e-6, 1e6]")]
+        level: f64,
+    },
 }
 
 /// Colours of the four photosites at the upper left corner, row by row.
@@ -116,16 +129,28 @@ impl Mosaic {
 }
 
 /// Curve from linear values to codes. All curves rise and keep 0 and 1.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[keys]
+#[derive(Copy, Default)]
+#[serde(rename_all = "snake_case")]
 pub enum Tone {
     /// IEC 61966-2-1.
     #[default]
     Srgb,
     /// c + s (3 c^2 - 2 c^3 - c) with c = sRGB(v)^gamma.
-    Parametric { gamma: f64, s_curve: f64 },
+    Parametric {
+        /// Exponent of the parametric curve.
+        #[key("[0.2, 5]")]
+        gamma: f64,
+        /// Weight s of its S-curve.
+        #[key("[-0.9, 0.9]")]
+        s_curve: f64,
+    },
     /// sRGB(h(e v) / h(e)) with Hable's curve h, which compresses highlights the more, the larger e is.
-    Filmic { exposure: f64 },
+    Filmic {
+        /// Exposure e of the filmic curve.
+        #[key("[0.01, 100]")]
+        exposure: f64,
+    },
 }
 
 /// Resolution of a JPEG's colours against its brightness.
@@ -155,15 +180,6 @@ impl fmt::Display for Subsampling {
 
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-fn identity() -> [[f64; 3]; 3] {
-    IDENTITY
-}
-
-#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
-fn is_identity(matrix: &[[f64; 3]; 3]) -> bool {
-    *matrix == IDENTITY
-}
-
 /// Largest difference of a row's sum from 1: neutral light stays neutral to a thousandth.
 const ROW_SUM_TOLERANCE: f64 = 1e-3;
 /// Least determinant of the matrix, so that its inverse has a few digits.
@@ -182,43 +198,9 @@ impl Sensor {
         self.full_well_e.map_or(of_converter, |full_well_e| of_converter.min(full_well_e))
     }
 
-    /// Checks each number.
+    /// Checks each number, and what ranges of single numbers do not say.
     pub fn check(&self) -> Result<(), LineError> {
-        all_within("sensor", &[("bits", &[self.bits.into()])])?;
-        let (factor, percentile, level) = match self.exposure {
-            SensorExposure::Factor { factor } => (Some(factor), None, None),
-            SensorExposure::Metered { percentile, level } => (None, Some(percentile), Some(level)),
-        };
-        let (gamma, s_curve, filmic) = match self.tone {
-            Tone::Srgb => (None, None, None),
-            Tone::Parametric { gamma, s_curve } => (Some(gamma), Some(s_curve), None),
-            Tone::Filmic { exposure } => (None, None, Some(exposure)),
-        };
-        all_within(
-            "sensor",
-            &[
-                ("exposure.factor", factor.as_slice()),
-                ("exposure.percentile", percentile.as_slice()),
-                ("exposure.level", level.as_slice()),
-                ("blur_px", &[self.blur_px]),
-                ("gain_dn_per_e", &[self.gain_dn_per_e]),
-                ("full_well_e", self.full_well_e.as_slice()),
-                ("black_level_dn", &[self.black_level_dn.into()]),
-                ("read_noise_dn", &[self.read_noise_dn]),
-                ("read_noise_lambda", self.read_noise_lambda.as_slice()),
-                ("row_noise_dn", &[self.row_noise_dn]),
-                ("white_balance", &self.white_balance),
-                ("white_balance_error", &self.white_balance_error),
-                ("colour_matrix", self.colour_matrix.as_flattened()),
-                ("tone.gamma", gamma.as_slice()),
-                ("tone.s_curve", s_curve.as_slice()),
-                ("tone.filmic", filmic.as_slice()),
-                ("scale", &[self.scale]),
-                ("sharpen", &[self.sharpen]),
-                ("sharpen_px", &[self.sharpen_px]),
-                ("jpeg_quality", &[self.jpeg_quality.into()]),
-            ],
-        )?;
+        check_section(self, "sensor")?;
         if self.black_level_dn >= self.white_level_dn() {
             let (black_level_dn, bits) = (self.black_level_dn, self.bits);
             return Err(LineError::BlackLevel { black_level_dn, bits });
@@ -270,17 +252,12 @@ mod tests {
     }
 
     #[test]
-    fn numbers_out_of_range_are_refused() {
+    fn rules_between_numbers_are_checked() {
         for (change, message) in [
-            ((|s| s.bits = 4) as fn(&mut Sensor), "sensor.bits is 4, but must be 8 to 16"),
-            (|s| s.gain_dn_per_e = 0.0, "sensor.gain_dn_per_e is 0, but must be"),
-            (|s| s.read_noise_lambda = Some(-0.6), "sensor.read_noise_lambda is -0.6, but"),
-            (|s| s.exposure = SensorExposure::Factor { factor: -1.0 }, "sensor.exposure.factor"),
-            (|s| s.tone = Tone::Filmic { exposure: 0.0 }, "sensor.tone.filmic is 0, but"),
-            (|s| s.white_balance[2] = 0.0, "sensor.white_balance[2] is 0, but must be"),
-            (|s| s.scale = 1.5, "sensor.scale is 1.5, but must be 0.05 to 1"),
-            (|s| s.jpeg_quality = 0, "sensor.jpeg_quality is 0, but must be 1 to 100"),
-            (|s| s.black_level_dn = 16_383, "sensor.black_level_dn is 16383, but must be below"),
+            (
+                (|s| s.black_level_dn = 16_383) as fn(&mut Sensor),
+                "sensor.black_level_dn is 16383, but must be below",
+            ),
             (|s| s.colour_matrix[0][0] = 1.1, "rows of sensor.colour_matrix must have the sum 1"),
             (|s| s.colour_matrix = [[1.0, 0.0, 0.0]; 3], "determinant"),
         ] {

@@ -1,15 +1,18 @@
 //! One side of the pane: an RGBD photograph, a panorama or a triangle mesh.
 
 use super::card::Card;
-use super::image::{Apex, Transfer, is_white, one, white};
-use super::panorama::{PanoramaDepth, PanoramaFile};
+use super::image::{Apex, Transfer};
+use super::keys::{At, Keys, Row, Visit};
+use super::panorama::PanoramaFile;
 use super::photograph::Photograph;
 use super::scene_line::Camera;
-use serde::{Deserialize, Serialize};
+use glasshouse_keys::keys;
+use schemars::JsonSchema;
+use serde::Serialize;
 use std::borrow::Cow;
 
 /// One side of the pane. In JSON, the key `panorama` or `mesh` selects the variant; a photograph has neither.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Side {
     /// A colour and a depth image.
@@ -21,45 +24,58 @@ pub enum Side {
 }
 
 /// A triangle mesh, which replaces `color` and `depth`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[keys]
 pub struct MeshFile {
     /// Path of the PLY file: relative to the manifest, or `NAME:path` under a named root.
     pub mesh: String,
-    /// Transfer function of the vertex colours.
-    #[serde(default)]
+    /// Transfer function of the vertex colours: `srgb` or `linear`.
+    #[key(default = Transfer::Srgb, written)]
     pub transfer: Transfer,
     /// Metres per unit of the file's coordinates.
-    #[serde(default = "one")]
+    #[key("(0, inf) m", default = 1.0, written)]
     pub unit_m: f64,
     /// Factor on linear radiance.
-    #[serde(default = "one")]
+    #[key("[0, inf)", default = 1.0, written)]
     pub exposure: f64,
     /// Factors on red, green and blue of linear radiance: the colour of the light on this side.
-    #[serde(default = "white", skip_serializing_if = "is_white")]
+    #[key("[0, inf)", default = [1.0; 3])]
     pub illuminant: [f64; 3],
     /// Pose of the mesh. Without a pose, the file has the coordinates of the capture camera.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose: Option<MeshPose>,
-    /// Only for the back: position of the capture camera (`mirror` if missing).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Only for the back: position of the capture camera, `mirror` (as if missing) or `camera`.
     pub apex: Option<Apex>,
-    /// Flat pictures between the pane and the surface.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    /// Flat pictures between the pane and the surface, at most 16.
     pub cards: Vec<Card>,
 }
 
 /// A rigid transform from mesh coordinates in metres to the capture camera's (+x right, +y down, +z forward):
 /// `rotation * x + translation_m`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[keys]
+#[derive(Copy)]
 pub struct MeshPose {
-    /// Rows of a rotation matrix.
-    #[serde(default = "MeshPose::no_rotation")]
+    /// Rows of a rotation matrix: at right angles and of length 1, to 1e-4.
+    #[key("(-inf, inf)", default = MeshPose::no_rotation(), shown = "no rotation", written)]
     pub rotation: [[f64; 3]; 3],
     /// Position of the mesh's origin in capture coordinates.
-    #[serde(default)]
+    // The tracer accepts coordinates up to this limit.
+    #[key("[-1e7, 1e7]", default = [0.0; 3], written)]
     pub translation_m: [f64; 3],
+}
+
+impl Keys for Side {
+    fn rows(at: &At<'static>, rows: &mut Vec<Row>) {
+        Photograph::rows(at, rows);
+        PanoramaFile::rows(at, rows);
+        MeshFile::rows(at, rows);
+    }
+
+    fn numbers(&self, at: &At<'_>, visit: &mut Visit<'_>) {
+        match self {
+            Self::Photograph(photograph) => photograph.numbers(at, visit),
+            Self::Panorama(panorama) => panorama.numbers(at, visit),
+            Self::Mesh(mesh) => mesh.numbers(at, visit),
+        }
+    }
 }
 
 impl MeshPose {
@@ -193,9 +209,7 @@ impl Side {
             }
             Self::Panorama(p) => {
                 let mut paths = vec![("panorama", p.panorama.as_str())];
-                if let PanoramaDepth::Map(map) = &p.depth {
-                    paths.push(("depth", &map.depth));
-                }
+                paths.extend(p.depth.as_deref().map(|depth| ("depth", depth)));
                 paths
             }
             Self::Mesh(mesh) => vec![("mesh", &mesh.mesh)],
@@ -217,9 +231,7 @@ impl Side {
             }
             Self::Panorama(p) => {
                 let mut paths = vec![&mut p.panorama];
-                if let PanoramaDepth::Map(map) = &mut p.depth {
-                    paths.push(&mut map.depth);
-                }
+                paths.extend(p.depth.as_mut());
                 (paths, &mut p.cards)
             }
             Self::Mesh(mesh) => (vec![&mut mesh.mesh], &mut mesh.cards),

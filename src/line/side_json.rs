@@ -1,10 +1,6 @@
 //! Reads a side from JSON: the key `mesh`, `panorama` or `color` determines the other allowed keys.
 
-use super::card::Card;
-use super::depth_range::DepthRange;
-use super::highlights::Highlights;
-use super::image::{Apex, DepthKind, Fill, Transfer, one, white};
-use super::panorama::{DepthMap, PanoramaDepth, PanoramaFile};
+use super::panorama::PanoramaFile;
 use super::side::Side;
 use serde::Deserialize;
 use serde::de::{DeserializeOwned, Deserializer, Error, MapAccess, Visitor};
@@ -17,7 +13,9 @@ impl<'de> Deserialize<'de> for Side {
         let side = if keys.contains_key("mesh") {
             read("mesh", keys).map(Self::Mesh)
         } else if keys.contains_key("panorama") {
-            read::<PanoramaKeys>("panorama", keys).and_then(|keys| keys.side().map(Self::Panorama))
+            read::<PanoramaFile>("panorama", keys)
+                .and_then(PanoramaFile::resolved)
+                .map(Self::Panorama)
         } else if keys.contains_key("color") {
             read("color", keys).map(Self::Photograph)
         } else {
@@ -58,88 +56,10 @@ impl<'de> Visitor<'de> for KeysVisitor {
     }
 }
 
-/// The keys of a [`PanoramaFile`]. serde cannot refuse unknown keys beside a flattened enum (the depth).
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PanoramaKeys {
-    panorama: String,
-    #[serde(default)]
-    transfer: Transfer,
-    #[serde(default = "one")]
-    exposure: f64,
-    #[serde(default = "white")]
-    illuminant: [f64; 3],
-    highlights: Option<Highlights>,
-    depth_m: Option<f64>,
-    depth: Option<String>,
-    depth_unit_m: Option<f64>,
-    depth_none_code: Option<f64>,
-    depth_kind: Option<DepthKind>,
-    depth_range: Option<DepthRange>,
-    fill: Option<Fill>,
-    #[serde(default)]
-    yaw_deg: f64,
-    #[serde(default)]
-    pitch_deg: f64,
-    apex: Option<Apex>,
-    #[serde(default)]
-    cards: Vec<Card>,
-}
-
-impl PanoramaKeys {
-    fn side(self) -> Result<PanoramaFile, String> {
-        if self.depth_kind == Some(DepthKind::Z) {
-            return Err(
-                "`depth_kind` of a panorama must be \"distance\" (along the ray), \"relative\" or \
-                 \"relative_inverse\": a panorama has no axis"
-                    .to_owned(),
-            );
-        }
-        let of_depth = [
-            ("depth_unit_m", self.depth_unit_m.is_some()),
-            ("depth_none_code", self.depth_none_code.is_some()),
-            ("depth_kind", self.depth_kind.is_some()),
-            ("depth_range", self.depth_range.is_some()),
-            ("fill", self.fill.is_some()),
-        ];
-        let depth = match (self.depth, self.depth_m) {
-            (Some(_), Some(_)) => {
-                return Err("`depth_m` and `depth` exclude each other: give one of them".to_owned());
-            }
-            (Some(depth), None) => PanoramaDepth::Map(DepthMap {
-                depth,
-                depth_unit_m: self.depth_unit_m.unwrap_or_else(one),
-                depth_none_code: self.depth_none_code,
-                depth_kind: self.depth_kind.unwrap_or(DepthKind::Distance),
-                depth_range: self.depth_range,
-                fill: self.fill.unwrap_or_default(),
-            }),
-            (None, depth_m) => {
-                if let Some((key, _)) = of_depth.into_iter().find(|(_, is_given)| *is_given) {
-                    return Err(format!(
-                        "`{key}` needs `depth`, which is missing: add it, or remove `{key}`"
-                    ));
-                }
-                PanoramaDepth::Constant { depth_m: depth_m.unwrap_or(PanoramaDepth::DEFAULT_M) }
-            }
-        };
-        Ok(PanoramaFile {
-            panorama: self.panorama,
-            transfer: self.transfer,
-            exposure: self.exposure,
-            illuminant: self.illuminant,
-            highlights: self.highlights,
-            depth,
-            yaw_deg: self.yaw_deg,
-            pitch_deg: self.pitch_deg,
-            apex: self.apex,
-            cards: self.cards,
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::image::Apex;
+    use super::super::panorama::PanoramaDepth;
     use super::*;
 
     fn read(json: &str) -> Result<Side, String> {
@@ -190,8 +110,8 @@ mod tests {
         *side.light_mut().0 = 3.0;
         side.paths_mut()[1].push('x');
         let Side::Panorama(panorama) = &side else { panic!("{side:?}") };
-        let PanoramaDepth::Map(map) = &panorama.depth else { panic!("{side:?}") };
-        assert_eq!((panorama.exposure, map.depth.as_str()), (3.0, "a:hall.npyx"));
+        let PanoramaDepth::Map(map) = panorama.distances() else { panic!("{side:?}") };
+        assert_eq!((panorama.exposure, map.depth), (3.0, "a:hall.npyx"));
         assert_eq!(map.depth_unit_m, 1.0);
     }
 

@@ -61,23 +61,46 @@ pub fn with_table(document: &str, name: &str, table: &str) -> Result<String, Str
 
 #[cfg(test)]
 mod tests {
-    use super::super::keys::declared_rows;
+    use super::super::keys::{At, Keys, declared_rows};
+    use super::super::{Card, MeshFile, PanoramaFile, Photograph};
     use super::*;
     use expect_test::expect_file;
 
+    /// The rows below one of the sections.
+    fn below(sections: &[&str]) -> Vec<Row> {
+        let is_below = |row: &Row| {
+            let is = |at: &&str| row.path == **at || row.path.starts_with(&format!("{at}."));
+            sections.iter().any(is)
+        };
+        declared_rows().into_iter().filter(is_below).collect()
+    }
+
+    /// The rows of a side or of a part of it, without those of its cards.
+    fn of<T: Keys>() -> Vec<Row> {
+        let mut rows = vec![];
+        T::rows(&At::section(""), &mut rows);
+        rows.retain(|row| !row.path.starts_with("cards."));
+        rows
+    }
+
     #[test]
     fn generated_tables_of_keys() {
-        for (path, of) in
-            [("manifests/README.md", KeysOf::Recipes), ("docs/formats.md", KeysOf::Lines)]
-        {
+        use KeysOf::{Lines, Recipes};
+        let scene = ["schema", "id", "split", "seed", "film", "camera", "glass"];
+        let (recipes, formats) = ("manifests/README.md", "docs/formats.md");
+        for (path, name, rows, kind) in [
+            (recipes, "keys of film, camera and glass", below(&scene[4..]), Recipes),
+            (formats, "keys of a scene", below(&scene), Lines),
+            (formats, "keys of a photograph", of::<Photograph>(), Lines),
+            (formats, "keys of a panorama", of::<PanoramaFile>(), Lines),
+            (formats, "keys of a mesh", of::<MeshFile>(), Lines),
+            (formats, "keys of a card", of::<Card>(), Lines),
+            (formats, "keys of sensor", below(&["sensor"]), Lines),
+        ] {
             let path = format!("{}/../../{path}", env!("CARGO_MANIFEST_DIR"));
             let document = std::fs::read_to_string(&path).unwrap();
-            let made = with_table(
-                &document,
-                "keys of film, camera and glass",
-                &key_table(&declared_rows(), of),
-            );
-            expect_file![path].assert_eq(&made.unwrap());
+            let made = with_table(&document, name, &key_table(&rows, kind)).unwrap();
+            expect_file![path].assert_eq(&made);
         }
     }
 }

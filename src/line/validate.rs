@@ -3,7 +3,7 @@
 use super::card::Card;
 use super::coating;
 use super::depth_range;
-use super::error::{LineError, all_within, check_section};
+use super::error::{LineError, check_section};
 use super::glass::{Glass, GlassLayer};
 use super::glazing::GlazingName;
 use super::image::DepthKind;
@@ -22,9 +22,7 @@ impl SceneLine {
             return Err(LineError::Schema { found: self.schema.clone() });
         }
         let (film, camera, glass) = (&self.film, &self.camera, &self.glass);
-        check_section(film, "film")?;
-        check_section(camera, "camera")?;
-        check_section(glass, "glass")?;
+        check_section(self, "")?;
         glazing(glass)?;
         layers(glass)?;
         coating::check(&glass.coatings, glass.layers.len().max(1))?;
@@ -126,23 +124,12 @@ fn cards(side: &str, cards: &[Card]) -> Result<(), LineError> {
         let (side, found) = (side.to_owned(), cards.len());
         return Err(LineError::Cards { side, found, most: MAX_CARDS });
     }
-    for (index, card) in cards.iter().enumerate() {
-        all_within(
-            &format!("{side}.cards[{index}]"),
-            &[
-                ("distance_m", &[card.distance_m]),
-                ("center_m", &card.center_m),
-                ("width_m", &[card.width_m]),
-                ("exposure", &[card.exposure]),
-                ("illuminant", &card.illuminant),
-            ],
-        )?;
-    }
     Ok(())
 }
 
 /// Checks the paths and numbers of one side. Errors call the side `name`.
 pub fn side(name: &str, side: &Side) -> Result<(), LineError> {
+    check_section(side, name)?;
     for (key, path) in side.paths() {
         if path.is_empty() && key == "depth" {
             return Err(LineError::NoShape { side: name.to_owned() });
@@ -151,8 +138,6 @@ pub fn side(name: &str, side: &Side) -> Result<(), LineError> {
             return Err(LineError::EmptyPath { field: format!("{name}.{key}") });
         }
     }
-    let (exposure, illuminant) = (&[side.exposure()], &side.illuminant());
-    all_within(name, &[("exposure", exposure), ("illuminant", illuminant)])?;
     cards(name, side.cards())?;
     match side {
         Side::Photograph(side) => photograph(name, side),
@@ -163,20 +148,6 @@ pub fn side(name: &str, side: &Side) -> Result<(), LineError> {
 
 fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
     shape(side, photograph)?;
-    let camera = &photograph.intrinsics;
-    let size = camera.size.map(|size| size.map(f64::from));
-    all_within(
-        side,
-        &[
-            ("depth_unit_m", &[photograph.depth_unit_m]),
-            ("depth_none_code", photograph.depth_none_code.as_slice()),
-            ("intrinsics.fx", &[camera.fx]),
-            ("intrinsics.fy", &[camera.fy]),
-            ("intrinsics.cx", &[camera.cx]),
-            ("intrinsics.cy", &[camera.cy]),
-            ("intrinsics.size", size.as_slice().as_flattened()),
-        ],
-    )?;
     if let Some(highlights) = &photograph.highlights {
         highlights.validate(&format!("{side}.highlights"), photograph.transfer)?;
     }
@@ -185,9 +156,9 @@ fn photograph(side: &str, photograph: &Photograph) -> Result<(), LineError> {
 
 /// Checks that a photograph has a depth image or a sketch, and that nothing describes a depth image beside a sketch.
 fn shape(side: &str, photograph: &Photograph) -> Result<(), LineError> {
-    let Some(sketch) = &photograph.sketch else {
+    if photograph.sketch.is_none() {
         return Ok(());
-    };
+    }
     let of_depth = [
         ("depth", !photograph.depth.is_empty()),
         ("mask", photograph.mask.is_some()),
@@ -196,26 +167,19 @@ fn shape(side: &str, photograph: &Photograph) -> Result<(), LineError> {
         ("depth_kind", photograph.depth_kind != DepthKind::default()),
         ("depth_range", photograph.depth_range.is_some()),
     ];
-    if let Some((key, _)) = of_depth.into_iter().find(|(_, is_given)| *is_given) {
-        return Err(LineError::SketchAndDepth { side: side.to_owned(), key });
+    match of_depth.into_iter().find(|(_, is_given)| *is_given) {
+        Some((key, _)) => Err(LineError::SketchAndDepth { side: side.to_owned(), key }),
+        None => Ok(()),
     }
-    sketch.check(side)
 }
 
 fn panorama(side: &str, panorama: &PanoramaFile) -> Result<(), LineError> {
-    let (yaw_deg, pitch_deg) = (&[panorama.yaw_deg], &[panorama.pitch_deg]);
-    all_within(side, &[("yaw_deg", yaw_deg), ("pitch_deg", pitch_deg)])?;
     if let Some(highlights) = &panorama.highlights {
         highlights.validate(&format!("{side}.highlights"), panorama.transfer)?;
     }
-    match &panorama.depth {
-        PanoramaDepth::Constant { depth_m } => all_within(side, &[("depth_m", &[*depth_m])]),
+    match panorama.distances() {
+        PanoramaDepth::Constant { .. } => Ok(()),
         PanoramaDepth::Map(map) => {
-            let none_code = map.depth_none_code.as_slice();
-            all_within(
-                side,
-                &[("depth_unit_m", &[map.depth_unit_m]), ("depth_none_code", none_code)],
-            )?;
             depth_range::check(side, map.depth_kind, map.depth_range.as_ref())
         }
     }
@@ -225,14 +189,13 @@ fn panorama(side: &str, panorama: &PanoramaFile) -> Result<(), LineError> {
 const MAX_DISTORTION: f64 = 1e-4;
 
 fn mesh(side: &str, mesh: &MeshFile) -> Result<(), LineError> {
-    all_within(side, &[("unit_m", &[mesh.unit_m])])?;
     let Some(pose) = &mesh.pose else {
         return Ok(());
     };
     if pose.distortion() > MAX_DISTORTION {
         return Err(LineError::NoRotation { field: format!("{side}.pose.rotation") });
     }
-    all_within(side, &[("pose.translation_m", &pose.translation_m)])
+    Ok(())
 }
 
 #[cfg(test)]

@@ -44,6 +44,7 @@ mod glazing_films_tests;
 mod glazing_tests;
 mod inputs;
 mod light;
+mod limits;
 #[cfg(test)]
 mod limits_tests;
 mod list;

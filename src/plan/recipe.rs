@@ -2,13 +2,13 @@
 
 use super::cover::CoverRecipe;
 use super::light::{LightRecipe, LuminanceScale, RejectRecipe, SideLight, WhiteBalance};
+use super::limits::limit_of;
 use super::places::depth_root;
 use super::recipe_error::RecipeError;
 use super::sensor::SensorRecipe;
 use super::source::{Layout, Source};
 use super::train_recipe::Trainings;
 use glasshouse_line::keys::{Number, numbers_of};
-use glasshouse_line::limits::limit_of;
 use glasshouse_line::param::Param;
 use glasshouse_line::{
     Apex, Camera, CameraRecipe, Film, FilmRecipe, Glass, GlassRecipe, Roots, Split,

@@ -2,6 +2,7 @@
 
 use super::assign::sides;
 use super::glass_check::check_glass;
+use super::limits::limit_of;
 use super::places::depth_root;
 use super::procedural_inputs::COVER_ROOT;
 use super::recipe::{RECIPE_SCHEMA, Recipe};
@@ -11,7 +12,7 @@ use super::train_recipe::TrainRecipe;
 use super::training::{FeatureSource, NetworkKind, ScheduleKind};
 use glasshouse_line::ids::SceneId;
 use glasshouse_line::layer::Layer;
-use glasshouse_line::limits::{Limit, limit_of};
+use glasshouse_line::limits::Limit;
 use glasshouse_line::param::Param;
 use glasshouse_line::{CameraRecipe, is_root_name};
 use std::collections::BTreeMap;

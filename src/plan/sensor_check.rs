@@ -1,10 +1,10 @@
 //! Checks `[sensor]` of a recipe, beyond the limits of single numbers.
 
+use super::limits::limit_of;
 use super::recipe_check::bad;
 use super::recipe_error::RecipeError;
 use super::sensor::SensorRecipe;
 use super::sensor_model::{NoiseModel, SensorModel};
-use glasshouse_line::limits::limit_of;
 
 impl SensorRecipe {
     pub(super) fn check(&self) -> Result<(), RecipeError> {

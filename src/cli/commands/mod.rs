@@ -280,11 +280,12 @@ Examples:
   glasshouse doctor runs/smoke -j 2 --json
   glasshouse doctor --store s3://bucket/runs/mine --queue nats://localhost:4222")]
     Doctor(doctor::DoctorArgs),
-    /// Print the JSON Schema of recipes, for editors
+    /// Print the JSON Schema of recipes or of scenes, for editors
     #[command(after_help = "Examples:
   glasshouse schema > recipe.schema.json
+  glasshouse schema scene > scene.schema.json
   glasshouse schema --json")]
-    Schema,
+    Schema(schema::SchemaArgs),
     /// Measure speed and error on this machine; needs no data
     #[command(after_help = "Examples:
   glasshouse bench error
@@ -335,7 +336,7 @@ impl Args {
             Command::Depth(args) => depth::run(args, global, output),
             Command::Develop(args) => develop::run(args, global, output),
             Command::Report(args) => report::run(args, global, output),
-            Command::Schema => Ok(schema::run(output)),
+            Command::Schema(args) => Ok(schema::run(args, output)),
             Command::Bench(args) => bench::run(args, global, output),
             Command::Inspect(args) => Ok(inspect::run(args, output)),
             Command::Doctor(args) => doctor::run(args, global, output),

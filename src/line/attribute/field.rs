@@ -143,7 +143,11 @@ impl Field {
         } else {
             quote!()
         };
-        quote!(#(#docs)* #(#others)* #serde #visibility #name: #ty)
+        let range = (!self.limits.is_empty()).then(|| {
+            let describe = self.describe_name();
+            quote!(#[schemars(transform = #line::#describe)])
+        });
+        quote!(#(#docs)* #(#others)* #serde #range #visibility #name: #ty)
     }
 
     fn default_name(&self) -> Ident {
@@ -154,8 +158,24 @@ impl Field {
         format_ident!("is_default_{}", self.prefixed())
     }
 
-    /// Returns the functions of a line's default.
-    pub(crate) fn line_default(&self) -> TokenStream {
+    fn describe_name(&self) -> Ident {
+        format_ident!("describe_{}", self.prefixed())
+    }
+
+    /// Returns the functions of a line's default and of its schema.
+    pub(crate) fn line_functions(&self) -> TokenStream {
+        let (default, limits, describe) = (self.line_default(), &self.limits, self.describe_name());
+        let describe = (!limits.is_empty()).then(|| {
+            quote! {
+                fn #describe(schema: &mut ::schemars::Schema) {
+                    crate::limits::describe(schema, &[#(#limits),*]);
+                }
+            }
+        });
+        quote!(#default #describe)
+    }
+
+    fn line_default(&self) -> TokenStream {
         let Some(value) = &self.default else {
             return quote!();
         };
@@ -316,7 +336,7 @@ fn shown(value: &Expr) -> String {
 }
 
 /// Returns the name of a variant as files have it.
-fn snake(name: &str) -> String {
+pub(crate) fn snake(name: &str) -> String {
     let mut text = String::new();
     for (place, letter) in name.chars().enumerate() {
         if letter.is_uppercase() && place > 0 {

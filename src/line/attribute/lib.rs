@@ -107,6 +107,11 @@ impl Form {
         self.name.as_ref().map(|name| quote!(::#name)).unwrap_or_default()
     }
 
+    /// Returns the name of the form as files have it.
+    fn shown(&self) -> String {
+        self.name.as_ref().map_or_else(String::new, |name| field::snake(&name.to_string()))
+    }
+
     /// Returns the fields in braces behind the form's name; none for a form without keys.
     fn declared(&self, fields: &[TokenStream]) -> TokenStream {
         let (docs, name) = (&self.docs, &self.name);
@@ -168,7 +173,7 @@ impl Section {
         let forms: Vec<TokenStream> = self.forms.iter().map(form).collect();
         let line = self.declare(name, &self.attributes.iter().collect::<Vec<_>>(), &forms);
         let fields = self.forms.iter().flat_map(|form| &form.fields);
-        let defaults = fields.filter(|field| !field.recipe_only).map(Field::line_default);
+        let defaults = fields.filter(|field| !field.recipe_only).map(Field::line_functions);
         quote! {
             #line
 
@@ -181,14 +186,29 @@ impl Section {
         format_ident!("{}Keys", self.name)
     }
 
+    /// Returns the place of a form's keys: in a table with its name, if the section is an enum with tags.
+    fn place(&self, form: &Form) -> Option<TokenStream> {
+        let has_word = |attribute: &&Attribute| {
+            attribute.path().is_ident("serde")
+                && quote!(#attribute).to_string().contains("untagged")
+        };
+        let is_tagged = self.is_enum && !self.attributes.iter().any(|a| has_word(&a));
+        let name = form.shown();
+        (is_tagged && !form.fields.is_empty()).then(|| quote!(let at = &at.form(#name);))
+    }
+
     /// Returns the declared keys, and the implementation of `Keys`.
     fn keys(&self) -> TokenStream {
         let (name, declared) = (&self.name, self.declared_keys());
         let all: Vec<&Field> = self.forms.iter().flat_map(|form| &form.fields).collect();
         let descriptions = all.iter().map(|field| field.description());
-        let rows = all.iter().map(|field| {
-            let (ty, key) = (&field.ty, field.key());
-            quote!(<#ty as crate::keys::Keys>::rows(&at.key(&#declared::#key), rows);)
+        let rows = self.forms.iter().map(|form| {
+            let at = self.place(form);
+            let rows = form.fields.iter().map(|field| {
+                let (ty, key) = (&field.ty, field.key());
+                quote!(<#ty as crate::keys::Keys>::rows(&at.key(&#declared::#key), rows);)
+            });
+            quote!({ #at #(#rows)* })
         });
         let arms = self.forms.iter().map(|form| {
             let of_line = || form.fields.iter().filter(|field| !field.recipe_only);
@@ -197,7 +217,8 @@ impl Section {
                 let (name, key) = (&field.name, field.key());
                 quote!(crate::keys::Keys::numbers(#name, &at.key(&#declared::#key), visit);)
             });
-            quote!(Self #path { #(#names),* } => { #(#visits)* })
+            let at = self.place(form);
+            quote!(Self #path { #(#names),* } => { #at #(#visits)* })
         });
         quote! {
             /// The declared keys.
@@ -239,7 +260,8 @@ impl Section {
                 let (name, ty, key) = (&field.name, &field.ty, field.key());
                 quote!(<#ty as crate::keys::Drawn>::params(#name, &at.key(&#declared::#key), visit);)
             });
-            quote!(#recipe #path { #(#names),* } => { #(#visits)* })
+            let at = self.place(form);
+            quote!(#recipe #path { #(#names),* } => { #at #(#visits)* })
         });
         let draws = self.forms.iter().map(|form| {
             let (path, of_recipe) = (form.path(), form.fields.iter().filter(|f| !f.line_only));
@@ -253,7 +275,8 @@ impl Section {
                     quote!(#name: crate::keys::Drawn::draw(#name, &at.key(&#declared::#key), draw))
                 }
             });
-            quote!(#recipe #path { #(#names,)* .. } => Self #path { #(#values,)* })
+            let at = self.place(form);
+            quote!(#recipe #path { #(#names,)* .. } => { #at Self #path { #(#values,)* } })
         });
         let default = self.default_of(recipe);
         quote! {

@@ -8,7 +8,7 @@ use super::window::Sight;
 use super::{AssembleError, Decoded, DecodedSide, SceneFacts, assemble_decoded, decode_mesh};
 use crate::formats::{NamedBytes, PanoramaFiles, PhotographFiles, SceneError};
 use crate::trace::Scene;
-use glasshouse_line::{PanoramaDepth, RootError, Roots, SMUDGES_MAP, SceneLine, Side, card_key};
+use glasshouse_line::{RootError, Roots, SMUDGES_MAP, SceneLine, Side, card_key};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -123,10 +123,7 @@ pub fn read_files_by(
             }
             Side::Panorama(p) => SideFiles::Panorama(PanoramaFiles {
                 panorama: named(&p.panorama)?,
-                depth: match &p.depth {
-                    PanoramaDepth::Constant { .. } => None,
-                    PanoramaDepth::Map(map) => Some(named(&map.depth)?),
-                },
+                depth: p.depth.as_deref().map(named).transpose()?,
             }),
             Side::Mesh(p) => SideFiles::Mesh(named(&p.mesh)?),
         })

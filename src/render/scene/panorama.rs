@@ -70,9 +70,9 @@ pub(super) fn decode_panorama(
     )?;
     check_aspect(file, image.width, image.height)?;
     let mut px_per_rad = MIN_PX_PER_RAD.max(image.width as f64 / TAU);
-    let (distances, relative) = match (&line.depth, &files.depth) {
+    let (distances, relative) = match (line.distances(), &files.depth) {
         (PanoramaDepth::Map(map), Some(file)) => {
-            let (distances, ends) = decode_map(map, file)?;
+            let (distances, ends) = decode_map(&map, file)?;
             if let Distances::Map { width, .. } = &distances {
                 px_per_rad = px_per_rad.max(*width as f64 / TAU);
             }
@@ -110,7 +110,7 @@ pub(super) fn decode_panorama(
         .ok_or_else(|| SceneError::NoDepth {
             path: files.depth.as_ref().unwrap_or(file).path.clone(),
         })?;
-    if let PanoramaDepth::Map(map) = &line.depth {
+    if let PanoramaDepth::Map(map) = line.distances() {
         match map.fill {
             Fill::Smooth => fill::smooth(&mut inverse_depth_per_m, view.width, view.height),
             Fill::Far => fill::far(&mut inverse_depth_per_m),
@@ -147,7 +147,7 @@ pub(super) fn check_aspect(
 }
 
 fn decode_map(
-    line: &DepthMap,
+    line: &DepthMap<'_>,
     file: &NamedBytes,
 ) -> Result<(Distances, Option<relative::RelativeEnds>), SceneError> {
     let codes = depth::DepthCodes { unit_m: line.depth_unit_m, none_code: line.depth_none_code };

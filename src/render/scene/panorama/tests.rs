@@ -58,7 +58,7 @@ const NO_GLASS: &str = r#""thickness_m":0,"ior":1"#;
 fn made(line: &SceneLine, image: &NamedBytes, depth: Option<&NamedBytes>) -> LoadedScene {
     let side = |side: &Side| {
         let Side::Panorama(side) = side else { panic!() };
-        let has_map = matches!(side.depth, PanoramaDepth::Map(_));
+        let has_map = side.depth.is_some();
         SideFiles::Panorama(PanoramaFiles {
             panorama: image.clone(),
             depth: depth.filter(|_| has_map).cloned(),
