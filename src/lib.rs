@@ -5,7 +5,7 @@
 //! (R). The method follows Kim, Huo and Yoon, "Single Image Reflection Removal with Physically-Based Training Images",
 //! CVPR 2020.
 //!
-//! Each stage is a separate crate, independent of runs, queues and the command line. All know the scene line ([`line`]), the
+//! Each stage is a separate crate, independent of runs, queues and the command line. All know the scene line ([`mod@line`]), the
 //! parameters of one scene:
 //!
 //! ```text

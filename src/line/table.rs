@@ -1,6 +1,7 @@
 //! Tables of keys in Markdown, for manifests/README.md and docs/formats.md.
 
 use super::keys::Row;
+use super::limits::Limit;
 use std::collections::BTreeSet;
 
 /// Which keys a table has.
@@ -24,12 +25,13 @@ pub fn key_table(rows: &[Row], of: KeysOf) -> String {
         if !has || !seen.insert(&row.path) {
             continue;
         }
-        let mut limits: Vec<&str> = row.key.limits.iter().map(|limit| limit.allowed).collect();
-        limits.dedup();
-        let limits = limits.join("; ");
         let unit = row.key.limits.first().map_or("", |limit| limit.unit);
         // The unit has a column of its own.
-        let allowed = limits.strip_suffix(unit).unwrap_or(&limits).trim();
+        let words =
+            |limit: &Limit| limit.allowed.strip_suffix(unit).unwrap_or(limit.allowed).trim();
+        let mut limits: Vec<&str> = row.key.limits.iter().map(words).collect();
+        limits.dedup();
+        let allowed = limits.join("; ");
         let default = match default {
             Some(default) => format!("`{default}`"),
             None if row.key.is_optional => "none".to_owned(),
@@ -37,7 +39,7 @@ pub fn key_table(rows: &[Row], of: KeysOf) -> String {
         };
         let (path, text) = (&row.path, row.key.text);
         table.extend([
-            "| `", path, "` | ", unit, " | ", &default, " | ", allowed, " | ", text, " |\n",
+            "| `", path, "` | ", unit, " | ", &default, " | ", &allowed, " | ", text, " |\n",
         ]);
     }
     table
