@@ -256,8 +256,10 @@ mod tests {
             "distance_m": 0.5, "tilt_deg": [1, 2], "layers": stack, "coatings": coatings,
         }));
         assert_eq!(flat(&line), flat_one);
-        let plain_one =
-            pane(json!({"distance_m": 0.5, "tilt_deg": [1, 2], "thickness_m": 0.004, "ior": 1.52}));
+        let plain_one = pane(json!({
+            "distance_m": 0.5, "tilt_deg": [1, 2], "thickness_m": 0.004, "ior": 1.52,
+            "absorption_per_m": [0, 0, 0],
+        }));
         assert_eq!(plain(&line), plain_one);
         assert_eq!(plain(&plain_one), plain_one);
         assert_eq!(features(&plain_one, &off), "flat, one glass");

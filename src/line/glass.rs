@@ -7,6 +7,7 @@ use super::roughness::Roughness;
 use super::smudges::Smudges;
 use super::wave::Wave;
 use glasshouse_keys::keys;
+use serde::{Deserialize, Deserializer};
 
 /// The pane: position, make and edges.
 #[keys(recipe = GlassRecipe)]
@@ -93,6 +94,15 @@ pub enum GlassLayer {
 }
 
 impl Glass {
+    /// Reads a pane, and writes out the absorption that a plain one leaves out, so that a line shows it.
+    pub(super) fn resolved<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let mut glass = Self::deserialize(deserializer)?;
+        if glass.layers.is_empty() {
+            glass.absorption_per_m.get_or_insert([0.0; 3]);
+        }
+        Ok(glass)
+    }
+
     /// Returns the layers from the camera outwards; that of a pane without `layers` is its glass. Missing numbers of an invalid line are
     /// NaN.
     pub fn stack(&self) -> Vec<GlassLayer> {

@@ -65,6 +65,7 @@ pub struct SceneLine {
     /// Lens, focus and exposure.
     pub camera: Camera,
     /// The pane.
+    #[serde(deserialize_with = "Glass::resolved")]
     pub glass: Glass,
     /// The side seen through the pane.
     #[key(line_only)]
