@@ -321,7 +321,7 @@ macro_rules! words {
     };
 }
 
-/// Implements [`Keys`] and [`Drawn`] for words of which a recipe has one for all scenes.
+/// Implements [`Keys`] and [`Drawn`] for words that are the same in all scenes of a recipe.
 macro_rules! words_of_all_scenes {
     ($($word:ty),* $(,)?) => {
         crate::keys::words!($($word),*);

@@ -6,7 +6,9 @@
 //! card         flat pictures on a side
 //! sensor       camera of the photographs
 //! layers       images to render               side_json, jsonl   sides and manifests as text
-//! roots        resolution of paths            validate, limits   checks of each field
+//! roots        resolution of paths            validate     rules between keys
+//! keys, limits, param   what a declared key gives: ranges, a recipe's distributions, draws, rows of tables
+//! glazing, focus        words of recipes for several keys      schema, table   for editors and readers
 //! ```
 //!
 //! ```
